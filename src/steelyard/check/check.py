@@ -47,6 +47,7 @@ from steelyard.robot.file.toml_edits import edited, lines_of
 from steelyard.robot.file.toml_schema import tomllib
 from steelyard.robot.init.draft_robot_file import path_from
 from steelyard.robot.models.xacro import stem_of
+from steelyard.robot.robot import refuse_floating
 from steelyard.runs.runs_of_named_logs import log_files, paths_of
 
 MOST_CHECK_ROUNDS = 4  # checks at most: one thing that is wrong can hide another
@@ -336,6 +337,7 @@ def check(
         files, parts = [], whole_logs(given)
         subject = subject_by_first_log(str(robot), parts, fixed_base)
         names = tuple(part.where for part in parts)
+    refuse_floating(subject.loaded.robot, "the check of logs")
     method_of(subject.loaded)
     named = None if model is None or isinstance(model, IdentifiedModel) else str(model)
     if known is not None:

@@ -49,6 +49,7 @@ from steelyard.estimate.reduction.stopping_rules_and_reduction import reduced
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.sections import GeneticSection
+from steelyard.robot.robot import refuse_floating
 from steelyard.runs.run import Run
 
 Needs = Literal["information", "samples", "experiment"]  # see `estimate.Estimator`
@@ -87,6 +88,7 @@ class Sources:
 
     def experiment(self, information: Information) -> Experiment:
         """An experiment of the runs of an information; how they were controlled is not logged."""
+        refuse_floating(self.regressor.model.robot, "an estimator that simulates the robot")
         given, whole = _by_run(information), _by_run(self.information)
         for name, mine in given.items():
             if mine != whole[name]:

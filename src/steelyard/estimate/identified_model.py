@@ -48,7 +48,7 @@ from steelyard.model.model import Model, ValuedModel
 from steelyard.model.torque_and_quantities import TORQUE, Quantity
 from steelyard.report.words import first_names
 from steelyard.robot.file.signals import Signals, signals_from_dict
-from steelyard.robot.robot import Robot
+from steelyard.robot.robot import Robot, refuse_floating
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.run import MotionSamples
 
@@ -263,6 +263,7 @@ class IdentifiedModel(Dynamics):
             >>> observer.wrench.shape
             (6,)
         """
+        refuse_floating(self.robot, "an observer of efforts")
         usual = self.cutoffs.score if thresholds is None else thresholds.cutoff
         bandwidth = usual if bandwidth is None else bandwidth
         check_bandwidth(bandwidth)

@@ -14,7 +14,11 @@ from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, silent
 from steelyard.base.workers import refuse_odd
 from steelyard.check.all_checks import BASIC_CHECKS, Diagnosis
-from steelyard.check.case_from_files_and_precheck import notes_of_precheck, prechecked
+from steelyard.check.case_from_files_and_precheck import (
+    checkable,
+    notes_of_precheck,
+    prechecked,
+)
 from steelyard.check.decision.gears_and_friction_of_logs import missing_coupling
 from steelyard.check.decision.joint_zeros_and_quarter_turns import turned_joints
 from steelyard.check.decision.undecided_questions import UNTIL_OTHER
@@ -137,6 +141,7 @@ def identify(
         ('joint1', 'joint2')
     """
     file = load_robot(robot, base=fixed_base)
+    check, unchecked = checkable(file, check)
     requested = {} if method is None else {"method": method_of(file, method).name}
     file = replace(file, estimation=file.estimation.model_copy(update=requested))
     method_of(file)
@@ -224,7 +229,7 @@ def _fitted(
         unresolved = notes_of_precheck(diagnosis, file.reference)
     every = (*clean, *unseen)
     lost = (*of_logs.dropped_rows(every), *of_logs.left_out_stretches(every))
-    assumed = (*file.notes, *reasons, *lost, *band)
+    assumed = (*file.notes, *unchecked, *reasons, *lost, *band)
     decided = of_logs.notes_of(every)
     refuse_same_rows(clean, unseen)
     fitted_runs, carrying_runs = clean[: len(known)], clean[len(known) :]

@@ -117,7 +117,9 @@ class FalseStretches:
         t, x = (np.concatenate(part) for part in zip(*self._parts, strict=True))
         self._parts = []
         q, effort = x[:, self._channels.q], x[:, self._channels.effort]
-        frozen = frozen_positions(q, _resolution(q)) if self._processing.bridge_repeats else ()
+        hinged = x[:, self._channels.encoders]
+        repeats = self._processing.bridge_repeats
+        frozen = frozen_positions(hinged, _resolution(hinged)) if repeats else ()
         dead = dead_efforts(q, effort) if self._processing.leave_out_saturated else ()
         self._found += [LeftOut(float(t[a]), float(t[b]), FROZEN) for _, a, b in frozen]
         self._found += [LeftOut(float(t[a]), float(t[b]), DEAD, (j,)) for j, a, b in dead]
@@ -253,9 +255,18 @@ def _learnt(
     even = excerpt.even(logged, checks)
     band, velocity_noise = Band(0.0, np.zeros(c.joints)), np.zeros(c.joints)
     if even.shape[1] >= SHORTEST_CHAIN:
-        band = motion_band(even[c.q], logged, even[c.dq] if c.velocities else None)
+        band = _band(even, logged, c)
         velocity_noise = motion_band(even[c.dq], logged).noise if c.velocities else velocity_noise
     return _Learnt(frozen(resolution), band, velocity_noise if c.velocities else None, checks, even)
+
+
+def _band(even: Array, rate: float, c: Channels) -> Band:
+    """Band of the joints' motion, with the noise of all positions, those of a base included."""
+    velocities = even[c.dq] if c.velocities else None
+    found = motion_band(even[c.encoders], rate, velocities)
+    if not c.base:
+        return found
+    return replace(found, noise=motion_band(even[c.q], rate).noise)
 
 
 def _rates(
@@ -346,10 +357,11 @@ class _Excerpt:
             self._current = []
         x = piece.x
         if self._origin is None:
-            self._origin = x[0, self._channels.q].copy()
+            self._origin = x[0, self._channels.encoders].copy()
         start = 0
         if not self._current:
-            gone = (np.abs(x[:, self._channels.q] - self._origin) > DEPARTURE_OF_MOTION).any(axis=1)
+            far = np.abs(x[:, self._channels.encoders] - self._origin) > DEPARTURE_OF_MOTION
+            gone = far.any(axis=1)
             start = int(np.argmax(gone)) if gone.any() else len(x)
         rests = start == len(x) and not self._longest
         if rests and (not self._still or self._still[0].segment == piece.segment):

@@ -69,6 +69,9 @@ def motion_error(run: Run, taps: Array | None = None) -> MotionError:
     )
     if channels.velocities:
         of_position[1:] = 0.0
+    base = run.recording.signals.base
+    if base is not None:
+        of_position = _of_base_motion(of_position, base.tracked, not base.angular_velocity)
     nyquist = 0.5 * run.rate
     speeds = np.zeros(channels.joints) if found.velocity_noise is None else found.velocity_noise
     return MotionError(
@@ -77,6 +80,20 @@ def motion_error(run: Run, taps: Array | None = None) -> MotionError:
         frozen(_products(of_position, taps)),
         frozen(_products(of_velocity, taps)),
     )
+
+
+def _of_base_motion(responses: Array, tracked: bool, turned: bool) -> Array:
+    """Responses `(3, n, L)` of motion where channels of a base are not its positions.
+
+    What is measured is an acceleration where its place is not `tracked`, and a velocity where it is
+    not `turned` by logged angles.
+    """
+    found, still = responses.copy(), np.zeros_like(responses[0, :3])
+    if not tracked:
+        found[:, :3] = np.stack([still, still, responses[0, :3]])
+    if not turned:
+        found[:, 3:6] = np.stack([still, *responses[:2, 3:6]])
+    return found
 
 
 def _products(responses: Array, taps: Array | None) -> Array:

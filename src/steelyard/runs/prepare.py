@@ -181,11 +181,12 @@ def prepare(
     segments = _long_enough(recording, wide, cut)
     asked = replace(chain.processing, motion=requested.motion)
     require_windows_in_log(asked, found.rate, max(s.samples for s in segments), recording)
-    given = given_rest_speed(processing, recording.channels.joints)
+    c = recording.channels
+    given = given_rest_speed(processing, c.joints - c.base)
     read = replace(loaded, log=recording.log)
     kept = KeptSamples()
     limited = given is not None and bool(given.any())
-    references = [np.ones(recording.channels.joints)]
+    references = [np.ones(c.joints - c.base)]
     if given is not None and limited:
         references.append(given)
     histograms, marked = _speeds(loaded, found, kept, Source(read, chain, segments), references)
@@ -200,6 +201,7 @@ def prepare(
     if used is None or judged is None:
         raise no_joint_moves(recording)
     span = min(used.span[0], judged.span[0]), max(used.span[1], judged.span[1])
+    used, judged = (one.beside(c.base) for one in (used, judged))
     return Run(
         recording=read,
         name=recording.name,
@@ -209,7 +211,7 @@ def prepare(
         span=_long_span(recording, cut, span),
         judged=judged,
         quality=_quality(
-            recording, found, chain, requested, used.rest_speed, speeds.highest, marked
+            recording, found, chain, requested, used.rest_speed[c.base :], speeds.highest, marked
         ),
         survey=replace(found, even=found.even[:, :0]),
         kept=kept,
@@ -262,7 +264,7 @@ def _speeds(
     The ends of segments do not count, which the filter has to guess beyond.
     """
     chain = source.chain
-    n = recording.channels.joints
+    n, moved = recording.channels.joints, slice(recording.channels.base, None)
     histograms = [SpeedHistogram(reference) for reference in references]
     slip = SAME_TIME / chain.rate
     counted = found.segments[0].start, found.segments[-1].stop
@@ -275,7 +277,7 @@ def _speeds(
         inside = at >= max(counted[0] - slip, s.start + bent + early)
         inside &= at <= min(counted[1] + slip, s.stop - bent - late)
         for speeds in histograms:
-            speeds.add(at[inside], part.signals[n : 2 * n, inside])
+            speeds.add(at[inside], part.signals[n : 2 * n, inside][moved])
         marks += part.marks
     return histograms, Marked(*map(int, marks))
 
@@ -359,7 +361,7 @@ def _rest_speed(recording: Recording, found: Survey, chain: Chain, fast: Array) 
     else:
         noise = np.sqrt(found.velocity_noise) * noise_gain(of_velocity[1], rate)
         step_speed = found.resolution[c.dq]
-    return default_rest_speed(fast, noise, step_speed)
+    return default_rest_speed(fast, noise[c.base :], step_speed[c.base :])
 
 
 def _quality(
@@ -386,7 +388,7 @@ def _quality(
         duration=found.duration,
         resolution=frozen(found.resolution[c.q]),
         effort_resolution=frozen(found.resolution[c.effort]),
-        max_speed=frozen(highest),
+        max_speed=frozen([*np.zeros(c.base), *highest]),
         losses=_losses(recording, found, segments, marked),
         notes=_choices_for_quality(found, chain, requested, rest_speed, marked),
         marked=marked,

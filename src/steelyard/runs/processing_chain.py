@@ -255,7 +255,7 @@ class Chain:
         seconds = work.halo / self.rate + work.clock.reach
         if work.whole:
             seconds += CONTEXT_PERIODS / self.motion_cutoff
-        lags = recording.signals.velocity_delay, recording.signals.effort_delay
+        lags = recording.signals.delays
         return seconds + max(abs(lag) for lag in lags) + self.row_checks.halo * self.clock.step
 
     def parts(
@@ -318,6 +318,8 @@ class ToMotion:
         )
         signals = self._motion(inner[c.q], inner[c.dq] if c.velocities else None)
         effort = self._effort(measured[c.effort])
+        if c.contacts:
+            effort = effort + self._effort(measured[c.pushed])
         weights = None
         if self._flagged:
             weights = _weights(np.abs(flags[c.count :]), self.halo - self._spare[2])
@@ -329,8 +331,10 @@ def _lanes(chain: Chain, recording: Recording) -> list[Lane]:
     c, s = recording.channels, recording.signals
     kind = INTERPOLATIONS[chain.processing.resampling]
     joined: list[Lane] = []
-    for channels, lag in ((c.q, 0.0), (c.dq, s.velocity_delay), (c.effort, s.effort_delay)):
-        if joined and joined[-1].lag == lag:
+    base = slice(0, c.base), 0.0 if s.base is None else s.base.delay
+    motion = base, (c.encoders, 0.0), (c.dq, s.velocity_delay)
+    for channels, lag in (*motion, (c.effort, s.effort_delay), (c.pushed, 0.0)):
+        if joined and joined[-1].lag == lag and channels.start < channels.stop:
             joined[-1] = Lane(slice(joined[-1].channels.start, channels.stop), kind, lag)
         elif channels.start < channels.stop:
             joined.append(Lane(channels, kind, lag))

@@ -16,6 +16,7 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError
 from steelyard.logs.log_and_errors import ROWS_OF_PART, Cut, Log, RowRange, require_columns
 from steelyard.robot.file.signals import Signals
+from steelyard.runs.floating_base import base_channels, contact_efforts
 from steelyard.runs.rows.resampling import put_together
 
 TURN = 2.0 * np.pi  # of a joint [rad]
@@ -125,15 +126,20 @@ def efforts_left_out(
 
 @dataclass(frozen=True)
 class Channels:
-    """Order of the channels beside time: positions, velocities if logged, efforts."""
+    """Order of the channels beside time: positions, velocities if logged, efforts, contacts.
+
+    Coordinates of a floating `base` come first; `contacts` are what these add to the efforts.
+    """
 
     joints: int
     velocities: bool
+    base: int = 0
+    contacts: bool = False
 
     @property
     def count(self) -> int:
-        """Number of channels, 2n or 3n."""
-        return (3 if self.velocities else 2) * self.joints
+        """Number of channels, 2n to 4n."""
+        return (2 + self.velocities + self.contacts) * self.joints
 
     @property
     def q(self) -> slice:
@@ -141,14 +147,25 @@ class Channels:
         return slice(0, self.joints)
 
     @property
+    def encoders(self) -> slice:
+        """Positions without those of the base."""
+        return slice(self.base, self.joints)
+
+    @property
     def dq(self) -> slice:
         """Velocities; empty if they are not logged."""
-        return slice(self.joints, self.count - self.joints)
+        return slice(self.joints, self.effort.start)
 
     @property
     def effort(self) -> slice:
         """Efforts."""
-        return slice(self.count - self.joints, self.count)
+        start = (1 + self.velocities) * self.joints
+        return slice(start, start + self.joints)
+
+    @property
+    def pushed(self) -> slice:
+        """What contacts add to the efforts; empty if none is logged."""
+        return slice(self.effort.stop, self.count)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,6 +206,7 @@ class Recording:
             return self
         first = replace(self, middles=None).raw((0, WRAP_TESTED_ROWS))
         middles = wrapped_middles(x[:, self.channels.q] for _, x in first)
+        middles[: self.channels.base] = np.nan
         return replace(self, middles=None if np.isnan(middles).all() else frozen(middles))
 
     @property
@@ -211,22 +229,40 @@ class Recording:
     @property
     def channels(self) -> Channels:
         """Order of the channels in `raw`."""
-        return Channels(self.signals.n, self.signals.velocity is not None)
+        s = self.signals
+        contacts = s.base is not None and bool(s.base.contacts)
+        return Channels(s.n, s.velocity is not None, s.n_base, contacts)
 
     def raw(self, rows: RowRange, size: int = ROWS_OF_PART) -> Iterator[tuple[Array, Array]]:
         """Time `(N,)` [s] and channels `(N, C)` in SI units of any rows, whatever the cut."""
         s = self.signals
         scales = (s.position_scale, s.velocity_scale, s.effort_scale)
         scale = np.concatenate([one for one in scales if one is not None])
-        last = np.zeros(0) if self.middles is None else self.middles.copy()
+        last = np.full(s.n, np.nan) if self.middles is None else self.middles.copy()
+        if s.base is not None and not s.base.angular_velocity:
+            last[3 : s.n_base] = 0.0  # angles of the base
         absent = [self.channels.effort.start + j - k for k, j in enumerate(s.unactuated)]
         for part in self.log.parts(s.columns, rows, size):
             with np.errstate(over="ignore", invalid="ignore"):
                 t, logged = part[:, 0] * s.time_scale, put_together(part[:, 0], part[:, 1:])
+                logged, pushes, axes = self._of_base(logged)
                 x = self._of_joints(np.insert(logged, absent, 0.0, axis=1) * scale)
                 for j in np.flatnonzero(~np.isnan(last)):
                     x[:, j], last[j] = continuous(x[:, j], float(last[j]))
+                if s.base is not None and s.base.contacts:
+                    pushed = contact_efforts(s.base, x[:, self.channels.q], pushes, axes)
+                    x = np.hstack([x, pushed / s.gains])
             yield t, x
+
+    def _of_base(self, logged: Array) -> tuple[Array, Array, Array | None]:
+        """Columns with those of a floating base first; those of contacts; axes of the base."""
+        base = self.signals.base
+        if base is None:
+            return logged, logged[:, :0], None
+        last = logged.shape[1] - len(base.pushes)
+        own, motion, pushes = np.split(logged, [last - len(base.motion), last], axis=1)
+        channels, axes = base_channels(base, motion, str(self.log.path))
+        return np.hstack([channels, own]), pushes, axes
 
     def _of_joints(self, logged: Array) -> Array:
         """Channels of the joints from those logged at motors, or from another zero."""

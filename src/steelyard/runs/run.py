@@ -13,6 +13,7 @@ from steelyard.model.equations.passive_joints import Follower
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot
 from steelyard.runs.first_pass_over_recording import Survey
+from steelyard.runs.floating_base import with_base_motion
 from steelyard.runs.mean_over_repetitions import Importance
 from steelyard.runs.processing_chain import Chain, MotionPart
 from steelyard.runs.recording import DEAD, LeftOut, Recording, efforts_left_out
@@ -89,6 +90,10 @@ class Moves:
 
     rest_speed: Array  # speed up to which each joint rests, shape `(n,)` [rad/s; m/s]
     span: tuple[float, float]  # first and last motion of any joint, from the log's start [s]
+
+    def beside(self, base: int) -> "Moves":
+        """The same of joints beside so many coordinates of a base, which always move."""
+        return replace(self, rest_speed=frozen([*np.full(base, -1.0), *self.rest_speed]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,11 +182,14 @@ class Run:
         values = np.ascontiguousarray(part.signals[:, inside])
         values.flags.writeable = False
         q, dq, ddq, effort = values.reshape(4, n, -1)
+        if (base := self.recording.signals.base) is not None:
+            q, dq, ddq = with_base_motion(base, q, dq, ddq)
         first = part.first + inside.start
         t = part.segment.start + np.arange(first, first + values.shape[1]) / self.rate
         moving = np.abs(dq) >= self.rest_speed[:, None]
         out = efforts_left_out(t, n, self.recording.left_out, self._spread)
         moving = moving if out is None else moving & ~out
+        moving[: self.recording.channels.base] &= base is None or base.wrench_known
         weights = None if part.weights is None else part.weights[:, inside].copy()
         if weights is not None and (weights == 1.0).all():
             weights = None
@@ -272,7 +280,7 @@ def fastest_of(runs: Sequence[Run]) -> Array:
 
 def lost_ends(signals: Signals) -> tuple[float, float]:
     """How much of a segment's start and end has no value of every signal, for their delays [s]."""
-    lags = signals.velocity_delay, signals.effort_delay
+    lags = signals.delays
     return max(0.0, -min(lags)), max(0.0, *lags)
 
 

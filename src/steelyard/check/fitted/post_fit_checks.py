@@ -350,6 +350,10 @@ POST_FIT: tuple[CaseCheck[FittedCase], ...] = (
 )
 
 
+OF_FIXED_BASE = (model_error_check,)
+"""Checks that take every effort row for a joint's."""
+
+
 def examine_fit(
     case: FittedCase,
     progress: Progress = silent,
@@ -357,6 +361,8 @@ def examine_fit(
 ) -> tuple[Finding, ...]:
     """The findings that are doubtful, wrong or for the headline, the most severe first."""
     chosen = POST_FIT if checks is None else checks
+    if case.identified.robot.floating:
+        chosen = [check for check in chosen if check not in OF_FIXED_BASE]
     found: list[Finding] = []
     for number, check in enumerate(chosen):
         report_progress(progress, f"checking the fit: {check.name}", number, len(chosen))

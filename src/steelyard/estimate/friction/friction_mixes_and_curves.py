@@ -130,7 +130,7 @@ def with_any_speed(model: Model) -> Model:
 
 def _sized(stage: Sequence[Mix], robot: Robot) -> Stage:
     """The candidates with speeds and lengths of prismatic joints as at a lever."""
-    sizes = [LEVER if c.kind == "prismatic" else 1.0 for c in robot.coordinates]
+    sizes = [LEVER if c.kind == "prismatic" else 1.0 for c in robot.coordinates[robot.n_base :]]
     if LEVER not in sizes:
         return tuple(stage)
 

@@ -24,7 +24,7 @@ from steelyard.export.code.fmu_ros2_simulink import ROS2_FUNCTIONS as OF_ROS2
 from steelyard.export.code.fmu_ros2_simulink import ros2_files, simulink_files, write_fmu
 from steelyard.export.code.python_code import python_code
 from steelyard.model.equations.frame_and_point_kinematics import frame_of
-from steelyard.robot.robot import Robot
+from steelyard.robot.robot import Robot, refuse_floating
 from steelyard.symbolic.source_code import Precision
 from steelyard.uses.control.feedforward import refuse_unknown_gains
 
@@ -38,6 +38,7 @@ def controller_of(
     pose and Jacobian are wanted, if empty the last frame on every link that carries no other.
     """
     robot = identified.model.robot
+    refuse_floating(robot, "code for controllers")
     refuse_unknown_gains(identified)
     if identified.signals.effort_kind == "gravity_compensated_torque":
         raise ModelError(

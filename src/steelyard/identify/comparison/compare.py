@@ -13,7 +13,11 @@ from steelyard.base.arrays import json_values, records
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.check.case_from_files_and_precheck import notes_of_precheck, prechecked
+from steelyard.check.case_from_files_and_precheck import (
+    checkable,
+    notes_of_precheck,
+    prechecked,
+)
 from steelyard.estimate import estimator_register as register
 from steelyard.estimate.estimator_register import Sources
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
@@ -77,6 +81,7 @@ def comparison_inputs(
             "--payload-mass KG), and write them into the robot file",
         )
     model, diagnosis, made = model_to_fit(file), None, dict[str, Run]()
+    check, unchecked = checkable(file, check)
     if check:
         given = replace(file, signals=signals)
         diagnosis, made = prechecked(file.reference, given, files, progress)
@@ -84,7 +89,7 @@ def comparison_inputs(
     unresolved = () if diagnosis is None else notes_of_precheck(diagnosis, file.reference)
     task = FitTask(model, file, runs, threads=threads, progress=progress)
     ground = prepare_fit(task, WeightedLeastSquares())
-    notes = (*file.notes, *reasons, *of_logs.dropped_rows(runs), *unresolved)
+    notes = (*file.notes, *unchecked, *reasons, *of_logs.dropped_rows(runs), *unresolved)
     details = (*of_logs.notes_of(runs), *ground.notes, *of_logs.dropped(model, runs))
     # one more pass, in windows that parts can be made of
     regressor, runs = base_regressor(ground.model), ground.runs

@@ -12,9 +12,15 @@ from steelyard.base.checked_arguments import checked as checked_arguments
 from steelyard.base.errors import ModelError, refuse_unknown
 from steelyard.robot import robot_from_mechanism as reduction
 from steelyard.robot.file import model_reading_and_loaded_robot as reading
+from steelyard.robot.file.base_signals_from_tables import build_base_signals, with_base
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot as LoadedRobot
-from steelyard.robot.file.sections import RobotFile, RobotSection, TransmissionSection
-from steelyard.robot.file.signals import WITHOUT_TORQUE
+from steelyard.robot.file.sections import (
+    RobotFile,
+    RobotSection,
+    SignalsSection,
+    TransmissionSection,
+)
+from steelyard.robot.file.signals import WITHOUT_TORQUE, Signals
 from steelyard.robot.file.signals_from_tables import Locate, build_signals, build_target_signals
 from steelyard.robot.file.toml_schema import checked
 from steelyard.robot.floating_ball_and_coupled_joints import floating_base
@@ -61,6 +67,50 @@ def build_transmission(
             "motors at rest: check ratios, coupling and matrix",
         )
     return Transmission(motors, matrix)
+
+
+VELOCITIES_UNUSED = (
+    "velocity columns are not used: with a floating base positions are differentiated"
+)
+
+
+def _check_base(file: RobotFile, robot: Robot, locate: Locate) -> None:
+    """Logs of a floating robot have the motion of its base, those of others have none."""
+    if file.signals is None:
+        return
+    given = file.signals.base is not None
+    if given != robot.floating:
+        raise ModelError(
+            "the motion of a base is given, and the base is at rest"
+            if given
+            else "the base floats, and its motion is not given",
+            where=locate("signals", "base") if given else locate("signals"),
+            fix=f'write base = "{FLOATING}" under [robot], or remove [signals.base]'
+            if given
+            else 'add [signals.base] with acceleration = "acc_{}" and angular_velocity = "gyro_{}" '
+            "of an inertial sensor, or position and orientation of motion capture",
+        )
+    compensated = file.signals.effort.kind == "gravity_compensated_torque"
+    if given and (compensated or file.processing.repetitions is not None):
+        what = "gravity compensated efforts" if compensated else "repetitions of a motion"
+        raise ModelError(
+            f"{what} are not possible with a floating base",
+            where=locate("signals", "effort") if compensated else locate("processing"),
+            fix="log torques that carry the weight"
+            if compensated
+            else "remove repetitions: all samples are fitted",
+        )
+
+
+def _signals(section: SignalsSection, robot: Robot, locate: Locate) -> Signals:
+    """The signals of all coordinates, those of a floating base included."""
+    gears, n = robot.transmission, robot.n_base
+    if gears is not None and n:
+        gears = Transmission(gears.motors[n:], gears.matrix[n:, n:])
+    signals = build_signals(section, robot.coordinates[n:], locate, gears)
+    if section.base is None:
+        return signals
+    return with_base(signals, build_base_signals(section.base, robot, locate), locate)
 
 
 def _beside_base(gears: Transmission, robot: Robot) -> Transmission:
@@ -212,17 +262,18 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
         joints = robot.joint_names[robot.n_base :]
         gears = build_transmission(file.robot.transmission, joints, locate)
         robot = robot.changed(transmission=_beside_base(gears, robot))
-    if file.signals is not None:
-        refuse_floating(robot, "a log")
+    _check_base(file, robot, locate)
     signals = None
     targets = None
     described = "actuator" in file.model_fields_set
     alone = file.signals is not None and (described or not file.signals.has_efforts)
     if file.signals is not None and file.signals.target and alone:
+        refuse_floating(robot, "the identification of actuators")
         _refuse_of_efforts(file, locate)
         targets = build_target_signals(file.signals, robot.coordinates, locate, robot.transmission)
     elif file.signals is not None:
-        signals = build_signals(file.signals, robot.coordinates, locate, robot.transmission)
+        signals = _signals(file.signals, robot, locate)
+        notes += (VELOCITIES_UNUSED,) if robot.floating and file.signals.velocity else ()
     if targets is None and described:
         raise ModelError(
             "actuators are described, but no position targets",

@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import Field, field_validator
 from pydantic_core import PydanticCustomError
 
+from steelyard.robot.file.base_sections import BaseSection
 from steelyard.robot.file.excitation_sections import ExcitationSection as ExcitationSection
 from steelyard.robot.file.toml_schema import ADVICE, Many, Pair, key
 from steelyard.robot.file.toml_schema import Name as Name
@@ -245,6 +246,7 @@ class SignalsSection(Section):
         supply_voltage: Column of the voltage that the actuators are fed with.
         nominal_voltage: The voltage that identified values are for, in the unit of that column.
         effort: Columns of efforts.
+        base: Columns of the motion of a floating base.
     """
 
     time: Name | None = None
@@ -265,6 +267,7 @@ class SignalsSection(Section):
     supply_voltage: Name | None = None
     nominal_voltage: Positive | None = None
     effort: EffortSection = NO_EFFORTS
+    base: BaseSection | None = None
 
     @property
     def has_efforts(self) -> bool:

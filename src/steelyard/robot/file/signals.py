@@ -11,9 +11,10 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError
-from steelyard.robot.robot import Coordinate
+from steelyard.robot.robot import BASE_COORDINATES, Coordinate
 
 if TYPE_CHECKING:
+    from steelyard.robot.file.base_sections import OrientationKind
     from steelyard.robot.file.sections import EffortKind, Side
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -47,6 +48,61 @@ ROW = "row number"
 """Column that a log without a clock is read with: the numbers of its rows, from zero."""
 
 
+@dataclass(frozen=True)
+class Contact:
+    """Columns of a wrench on a link: a force, or a force and a moment, and whose axes it has."""
+
+    frame: str
+    columns: tuple[str, ...]
+    in_world: bool
+
+
+@dataclass(frozen=True)
+class BaseSignals:
+    """Columns of a floating base and how to read them.
+
+    `translation` is the proper acceleration, or the place in the world if `tracked`; angular
+    velocities and orientations are empty if they are not logged. Scales are in m/s² (m) and rad/s
+    per logged unit. A point of the sensor is at `axes @ p + place` in the base link's frame,
+    `(9,)` row by row and `(3,)` [m]; `gravity` `(3,)` [m/s²] is in the world. With an unknown
+    `wrench` on the base its rows do not count. The `tree` has what places of contacts depend on.
+    """
+
+    translation: tuple[str, ...]
+    tracked: bool
+    scale: float
+    angular_velocity: tuple[str, ...]
+    angular_scale: float
+    orientation: tuple[str, ...]
+    orientation_kind: OrientationKind
+    axes: tuple[float, ...]
+    place: tuple[float, ...]
+    gravity: tuple[float, ...]
+    delay: float
+    wrench_known: bool
+    contacts: tuple[Contact, ...]
+    tree: Mapping[str, Any]
+
+    @property
+    def motion(self) -> tuple[str, ...]:
+        """Columns of its motion."""
+        return (*self.translation, *self.angular_velocity, *self.orientation)
+
+    @property
+    def pushes(self) -> tuple[str, ...]:
+        """Columns of its contacts."""
+        return tuple(name for contact in self.contacts for name in contact.columns)
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> BaseSignals:
+        """The signals of `json_values`; `KeyError`, `ValueError` or `TypeError` if damaged."""
+        values: dict[str, Any] = {
+            name: tuple(x) if isinstance(x, list) else x for name, x in data.items()
+        }
+        contacts = (Contact(**{**c, "columns": tuple(c["columns"])}) for c in data["contacts"])
+        return cls(**{**values, "contacts": tuple(contacts)})
+
+
 @dataclass(frozen=True, eq=False)
 class Signals:
     """Columns of a log and how to read them; entries are in the order of the coordinates.
@@ -61,8 +117,9 @@ class Signals:
     positions and velocities, and from logged efforts, to the joints'; units and gains count behind
     that; `None` if they are the joints' already. Delays are against positions [s].
 
-    Joints that are `unactuated`, by number, have no effort, and their columns are not read. Columns
-    of the commanded motion are `None` if they are not known; the signals `of_commanded` only read
+    Joints that are `unactuated`, by number, have no effort, and their columns are not read. The
+    coordinates of a floating `base` come first, and have columns of their own. Columns of the
+    commanded motion are `None` if they are not known; the signals `of_commanded` only read
     them, positions with the scales of `position`.
     """
 
@@ -89,6 +146,7 @@ class Signals:
     commanded_position: tuple[str, ...] | None = None
     commanded_velocity: tuple[str, ...] | None = None
     commanded_velocity_scale: Array | None = None
+    base: BaseSignals | None = None
 
     def of_commanded(self) -> Signals:
         """The same efforts beside the commanded motion instead of the measured one."""
@@ -111,7 +169,21 @@ class Signals:
     def columns(self) -> tuple[str, ...]:
         """All columns that are read: no efforts of joints without a motor."""
         measured = [name for j, name in enumerate(self.effort) if j not in self.unactuated]
-        return (self.time, *self.position, *(self.velocity or ()), *measured)
+        if self.base is None:
+            return (self.time, *self.position, *(self.velocity or ()), *measured)
+        joints = self.position[self.n_base :]
+        return (self.time, *joints, *measured, *self.base.motion, *self.base.pushes)
+
+    @property
+    def delays(self) -> tuple[float, ...]:
+        """Delays of signals against positions [s]."""
+        base = () if self.base is None else (self.base.delay,)
+        return (self.velocity_delay, self.effort_delay, *base)
+
+    @property
+    def n_base(self) -> int:
+        """Number of coordinates of the base: six if it floats, else none."""
+        return 0 if self.base is None else len(BASE_COORDINATES)
 
     def reads_alike(self, other: Signals) -> bool:
         """Whether both make the same samples of a log: gains and commanded columns do not count."""
@@ -141,7 +213,7 @@ class Signals:
 
 LATER_FIELDS = (
     *("commanded_position", "commanded_velocity", "commanded_velocity_scale"),
-    *("unknown_offsets", "unactuated"),
+    *("unknown_offsets", "unactuated", "base"),
 )
 """Fields that files of earlier versions do not have."""
 
@@ -154,7 +226,9 @@ def signals_from_dict(data: Mapping[str, Any]) -> Signals:
         given = values.get(name) if name in LATER_FIELDS else values[name]
         if given is None:
             continue
-        if kind.startswith("tuple"):
+        if name == "base":
+            values[name] = BaseSignals.from_dict(given)
+        elif kind.startswith("tuple"):
             values[name] = tuple(given)
         elif kind.startswith("Array"):
             values[name] = frozen(given, (n, n) if name.endswith("map") else (n,))

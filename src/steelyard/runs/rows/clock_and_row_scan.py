@@ -195,7 +195,7 @@ class RowScan:
         """First row and the row after the last one of every chain of linked rows."""
         if len(t) == 0:
             return
-        q = x[:, self._recording.channels.q]
+        q = x[:, self._recording.channels.encoders]
         with np.errstate(over="ignore"):
             step = np.diff(t)
             reach = self._reach(step)
@@ -208,7 +208,7 @@ class RowScan:
         """Whether a row can come right after the last one that was kept."""
         if self._last is None:
             return False
-        step, q = t - self._last[0], self._recording.channels.q
+        step, q = t - self._last[0], self._recording.channels.encoders
         near = np.abs(x[q] - self._last[1][q]) <= self._reach(np.array(step))
         return 0.0 < step <= self._clock.gap and bool(near.all())
 

@@ -26,7 +26,7 @@ from steelyard.estimate.information.gather import gather
 from steelyard.estimate.scores import residual_traces_and_band_calibration as residual_noise
 from steelyard.estimate.scores.effort_errors import effort_reference
 from steelyard.identify.runs_and_notes_of_logs import left_out, notes_of, runs_for, was_fitted
-from steelyard.robot.robot import Robot
+from steelyard.robot.robot import Robot, refuse_floating
 from steelyard.runs.prepare import rest_speed_of_runs
 from steelyard.runs.run import Run
 from steelyard.runs.runs_of_named_logs import log_file, log_files, paths_of, refuse_overlaps
@@ -306,6 +306,7 @@ def contact(
         ()
     """
     identified = load_model(model)
+    refuse_floating(identified.robot, "the detection of contacts")
     inspected, given = [log_file(str(log))], log_files(paths_of(calibrate))
     refuse_overlaps(given, inspected)
     (run,) = runs_for(identified, inspected, progress, at_rest=True)

@@ -25,7 +25,7 @@ from steelyard.excite.trajectories.trajectory_files import read_named, read_tabl
 from steelyard.logs.formats import write_table
 from steelyard.model.model import ValuedModel
 from steelyard.model.torque_and_quantities import TORQUE, Equations, Quantity
-from steelyard.robot.robot import Coordinate, Robot
+from steelyard.robot.robot import Coordinate, Robot, refuse_floating
 from steelyard.symbolic.program_and_softening import Program, softened
 
 SIGN_SMOOTHING = 1e-3  # speed within which friction by the plain sign turns [rad/s; m/s]
@@ -263,6 +263,7 @@ def feedforward(
         True
     """
     identified = load_model(model)
+    refuse_floating(identified.robot, "feedforward")
     refuse_unknown_gains(identified)
     robot = identified.model.robot
     samples, measured = _samples(motion, joints, robot, rate)

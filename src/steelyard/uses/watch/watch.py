@@ -29,6 +29,7 @@ from steelyard.logs.contents import windowed
 from steelyard.logs.formats import open_log
 from steelyard.logs.log_and_errors import parse_log_argument
 from steelyard.report.words import signed, significant
+from steelyard.robot.robot import refuse_floating
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.runs_of_named_logs import LogArgument, log_files, paths_of
@@ -321,6 +322,7 @@ def start_watch(
             support the rate.
     """
     identified = load_model(model)
+    refuse_floating(identified.robot, "watching")
     given = log_files(paths_of(calibrate))
     calibration = identified.calibration
     own = None if calibration is None else calibration.peaks

@@ -29,6 +29,7 @@ from steelyard.report.page_figures import Figure, Group, Key, Traced, area, even
 from steelyard.report.result import Result, print_verdict
 from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE, significant
+from steelyard.robot.robot import refuse_floating
 from steelyard.runs.runs_of_named_logs import log_file
 from steelyard.uses.control.feedforward import refuse_unknown_gains
 from steelyard.uses.wrench import measured_wrench_and_sensor_mounting as sensors
@@ -457,6 +458,7 @@ def external_wrench(
         True
     """
     identified = load_model(model)
+    refuse_floating(identified.robot, "the estimate of a wrench")
     refuse_unknown_gains(identified)
     moved_frame(identified.robot, frame)
     expected = methods.Expected(force, lever)

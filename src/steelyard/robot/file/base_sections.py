@@ -1,0 +1,71 @@
+"""The tables of a floating base in the robot file: its sensors, and contacts with the world."""
+
+from typing import Literal
+
+from steelyard.robot.file.toml_schema import Many, Name, Names, Section, Vector, key
+
+OrientationKind = Literal["wxyz", "xyzw", "rpy_rad", "rpy_deg", "matrix"]
+ContactAxes = Literal["frame", "world"]
+UnknownWrench = Literal["none", "unknown"]
+
+
+class SensorMountingSection(Section):
+    """Where a sensor is on the base link: R = Rz(yaw) Ry(pitch) Rx(roll) turns its axes [deg]."""
+
+    roll: float = key(0.0, "Rotation about the base link's x axis, first [deg].")
+    pitch: float = key(0.0, "Rotation about its y axis, second [deg].")
+    yaw: float = key(0.0, "Rotation about its z axis, last [deg].")
+    position: Vector = key((0.0, 0.0, 0.0), "Place in the base link's frame [m].")
+
+
+class ContactSection(Section):
+    """A measured wrench of the world on the robot, at the origin of a link's frame."""
+
+    frame: Name = key(..., "Link that it acts on, also one that is fixed to another.")
+    force: Name | Names = key(..., "Columns of the force, or one name with `{}` for x, y, z [N].")
+    moment: Name | Names | None = key(
+        None, "Columns of the moment about the frame's origin [Nm]; none if left out: a point."
+    )
+    axes: ContactAxes = key(
+        "frame", "Whose axes it is along: those of the `frame`, or of the `world`."
+    )
+
+
+class BaseSection(Section):
+    """Columns of the motion of a floating base, of an inertial sensor or of motion capture."""
+
+    acceleration: Name | Names | None = key(
+        None,
+        "Columns of what an accelerometer measures, or one name with `{}` for x, y, z.",
+    )
+    acceleration_unit: Literal["m/s2", "g"] = key("m/s2", "Unit of `acceleration`.")
+    angular_velocity: Name | Names | None = key(
+        None, "Columns of the angular velocity of a gyroscope along its axes."
+    )
+    angular_velocity_unit: Literal["rad/s", "deg/s"] = key("rad/s", "Unit of `angular_velocity`.")
+    position: Name | Names | None = key(
+        None, "Columns of the place in the world, instead of `acceleration` [m]."
+    )
+    orientation: Name | Names | None = key(
+        None,
+        "Columns of the orientation in the world, whose z axis points up, or one name with `{}` "
+        "for the letters or words of `orientation_kind`.",
+    )
+    orientation_kind: OrientationKind = key(
+        "wxyz",
+        "Quaternion in one of two orders, roll, pitch and yaw, or the nine entries of the rotation "
+        "matrix, row by row.",
+    )
+    frame: Name | None = key(
+        None, "Link that the sensor is on, fixed to the base; the base link if left out."
+    )
+    mounting: SensorMountingSection | None = key(
+        None, "Where the sensor is on the base link, instead of `frame`."
+    )
+    delay: float = key(0.0, "Delay relative to joint positions [s]; it is corrected.")
+    wrench: UnknownWrench = key(
+        "none",
+        "What acts on the base beside `contacts`: `none`; or `unknown`, as of a hoist: the six "
+        "rows of the base are then left out.",
+    )
+    contacts: Many[ContactSection] = key((), "Measured contacts.")

@@ -1,0 +1,84 @@
+"""A robot with a floating base, from logs to a model."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import steelyard
+from floating_logs import HAND, IMU, TRACKED, dog, record
+from steelyard.base.errors import ModelError
+
+NOISE = 0.05
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+    folder = tmp_path_factory.mktemp("dog")
+    return folder, [str(record(folder, f"log{k}", seed=k, noise=NOISE)[0]) for k in range(2)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["least_squares", "consistent"])
+@pytest.mark.parametrize("sensor", [IMU, TRACKED])
+def test_the_whole_body_is_identified(
+    method: str, sensor: str, logs: tuple[Path, list[str]]
+) -> None:
+    folder, (first, second) = logs
+    unseen = f"{second}@2:18"  # the log begins and ends in motion
+    found = steelyard.identify(dog(folder, sensor + HAND), first, unseen, method=method)
+    estimate, robot = found.model.estimate, found.model.robot
+    base = found.model.base
+    place = list(estimate.parameters.names).index("m.trunk")
+    total = estimate.parameters.values[place]
+    assert abs(total - 7.2) < 2.0 * estimate.half_width[place] + 1e-3
+    prior = found.model.model.prior
+    assert prior is not None
+    true = dict(zip(base.base_names, base.base_values(prior.values.values), strict=True))
+    off = [
+        abs(value - true[name]) / half
+        for name, value, half in zip(
+            estimate.parameters.names, estimate.parameters.values, estimate.half_width, strict=True
+        )
+        if half > 0.0 and not name.startswith(("coulomb", "viscous", "rotor", "offset"))
+    ]
+    assert np.mean(np.array(off) < 1.0) > 0.8
+    (score,) = found.content.scores
+    assert score.errors.joints[0].joint == "base_x" and not score.errors.joints[0].driven
+    assert all(joint.error < 2.0 * NOISE for joint in score.errors.joints)
+    assert "not checked before the fit" in " ".join(found.content.notes)
+    assert robot.floating
+
+
+@pytest.mark.slow
+def test_a_model_is_saved_and_used_on_logs(logs: tuple[Path, list[str]], tmp_path: Path) -> None:
+    folder, (first, second) = logs
+    found = steelyard.identify(dog(folder, IMU + HAND), first)
+    found.save(tmp_path / "model")
+    again = steelyard.load_model(tmp_path / "model")
+    assert again.signals.base == found.model.signals.base
+    (score,) = steelyard.validate(again, second).content.scores
+    assert score.errors.joints[6].percent_of_used < 10.0
+    for use in (
+        lambda: again.observe("handle"),
+        lambda: steelyard.export(again, tmp_path / "dog.urdf"),
+        lambda: steelyard.export_code(again, tmp_path / "code"),
+        lambda: steelyard.feedforward(again, second),
+        lambda: steelyard.external_wrench(again, second),
+        lambda: steelyard.check(dog(folder, IMU + HAND), first),
+        lambda: steelyard.identify(dog(folder, IMU + HAND), first, method="DIDIM"),
+        lambda: steelyard.simulate(dog(folder, IMU + HAND), tmp_path / "simulated"),
+    ):
+        with pytest.raises(ModelError, match="needs a robot whose base is at rest"):
+            use()
+
+
+@pytest.mark.slow
+def test_with_an_unknown_wrench_the_mass_of_the_base_is_not_seen(
+    logs: tuple[Path, list[str]],
+) -> None:
+    folder, (first, _) = logs
+    file = dog(folder, IMU + 'wrench = "unknown"\n')
+    found = steelyard.identify(file, first, method="least_squares")
+    assert "m.trunk" not in found.model.estimate.parameters.names
+    assert "mx.fore_calf" in found.model.estimate.parameters.names
