@@ -61,7 +61,6 @@ def test_a_model_is_saved_and_used_on_logs(logs: tuple[Path, list[str]], tmp_pat
     assert score.errors.joints[6].percent_of_used < 10.0
     for use in (
         lambda: again.observe("handle"),
-        lambda: steelyard.export(again, tmp_path / "dog.urdf"),
         lambda: steelyard.export_code(again, tmp_path / "code"),
         lambda: steelyard.feedforward(again, second),
         lambda: steelyard.external_wrench(again, second),

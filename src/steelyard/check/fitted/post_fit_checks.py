@@ -360,9 +360,10 @@ def examine_fit(
     checks: Sequence[CaseCheck[FittedCase]] | None = None,
 ) -> tuple[Finding, ...]:
     """The findings that are doubtful, wrong or for the headline, the most severe first."""
-    chosen = POST_FIT if checks is None else checks
-    if case.identified.robot.floating:
-        chosen = [check for check in chosen if check not in OF_FIXED_BASE]
+    chosen = checks
+    if chosen is None:
+        floats = case.identified.robot.floating
+        chosen = [check for check in POST_FIT if not (floats and check in OF_FIXED_BASE)]
     found: list[Finding] = []
     for number, check in enumerate(chosen):
         report_progress(progress, f"checking the fit: {check.name}", number, len(chosen))

@@ -22,7 +22,7 @@ from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.inertia_and_placement import Placement
 from steelyard.robot.models.xacro import expand, split_reference
 from steelyard.robot.models.xml_and_urdf import read_bytes, read_xml
-from steelyard.robot.robot import Frame
+from steelyard.robot.robot import Frame, Robot
 
 _TAG = re.compile(rb"<(?:[^<>\"']|\"[^\"]*\"|'[^']*')*>")
 
@@ -133,7 +133,7 @@ def urdf_with(content: Content, path: Path, head: str) -> str:
     mechanism = read_mechanism(path)
     original, root = spans_of(path)
     _refuse_stranger(content, root, path)
-    moving = [body.joint for body in content.robot.bodies]
+    moving = _joints(content.robot)
     carrying = {j.name for name in moving for j in mechanism.to_link(mechanism.joint(name).child)}
     editing = _Editing(content, original, frozenset(carrying))
     edits = [Edit(root.start, root.start, f"{head}\n")]
@@ -146,7 +146,7 @@ def _refuse_stranger(content: Content, root: Span, path: Path) -> None:
     robot = content.robot
     for tag, wanted in (
         ("link", [*(b.name for b in robot.bodies), *(f.name for f in robot.frames)]),
-        ("joint", [body.joint for body in robot.bodies]),
+        ("joint", _joints(robot)),
     ):
         there = [span.attributes.get("name", "") for span in root.all(tag)]
         for name in wanted:
@@ -157,6 +157,11 @@ def _refuse_stranger(content: Content, root: Span, path: Path) -> None:
                     fix=f"give the URDF that the robot was identified with; "
                     f"{advice(name, there, tag + 's')}",
                 )
+
+
+def _joints(robot: Robot) -> list[str]:
+    """Names of the joints that carry bodies."""
+    return [body.joint for body in robot.bodies if body.kind != "floating"]
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from steelyard.export.model_files.urdf_and_mjcf import document, head_of, mjcf_o
 from steelyard.robot.file.model_reading_and_loaded_robot import read_mechanism
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 from steelyard.robot.mechanism import Mechanism
-from steelyard.robot.robot import Body, Robot, refuse_floating
+from steelyard.robot.robot import FLOATING, Body, Robot
 from steelyard.robot.robot_from_mechanism import reduced
 from steelyard.uses.control.feedforward import refuse_unknown_gains
 
@@ -71,7 +71,6 @@ def exported(
     identified: IdentifiedModel, form: Format, original: str | Path | None = None
 ) -> Exported:
     """A model as the text of a file."""
-    refuse_floating(identified.robot, "the export of a model")
     refuse_unknown_gains(identified)
     content, estimate = content_of(identified, form), identified.estimate
     learned, bodies = {}, content.robot.bodies
@@ -137,7 +136,8 @@ def _reread(path: Path, wanted: Robot, form: Format) -> Robot:
     there = read_mechanism(path)
     tree = Mechanism(there.name, there.links, there.joints, there.gravity, there.where)
     base = base_of(wanted) if form == "urdf" else None
-    names = [c.name for c in wanted.joints]
+    base = FLOATING if wanted.floating else base
+    names = [c.name for c in wanted.joints[wanted.n_base :]]
     snapped, exact = (reduced(tree, names, base=base, snap=snap)[0] for snap in (True, False))
     pairs = zip(wanted.bodies, exact.bodies, strict=False)
     return exact if all(_alike(_place(x), _place(y)) for x, y in pairs) else snapped

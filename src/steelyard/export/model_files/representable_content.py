@@ -234,6 +234,7 @@ def carriers_of(robot: Robot) -> tuple[int, ...]:
     for index, body in enumerate(robot.bodies):
         if (body.ratio, body.offset) == (1.0, 0.0):
             found.setdefault(body.coordinate, index)
+    found |= dict.fromkeys(range(robot.n_base), 0)
     for index, joint in enumerate(robot.joints):
         if index not in found:
             raise ModelError(
@@ -368,7 +369,8 @@ def _of_robot(robot: Robot, form: Format) -> tuple[str, ...]:
     unsupported = []
     if form == "urdf" and not np.allclose(robot.gravity, GRAVITY, rtol=0.0, atol=1e-6):
         x, y, z = robot.gravity
-        unsupported.append(f"gravity: set it to ({x:.6g}, {y:.6g}, {z:.6g}) m/s² in the base frame")
+        frame = "world" if robot.floating else "base frame"
+        unsupported.append(f"gravity: set it to ({x:.6g}, {y:.6g}, {z:.6g}) m/s² in the {frame}")
     if form == "urdf" and robot.loops:
         names = ", ".join(loop.name for loop in robot.loops)
         unsupported.append(f"closed loops: the file has the open kinematic tree without {names}")

@@ -94,10 +94,13 @@ def urdf_of(content: Content) -> ET.Element:
     robot = content.robot
     carriers = carriers_of(robot)
     root, base = ET.Element("robot", name=robot.name), base_of(robot)
-    ET.SubElement(root, "link", name=base)
+    if not robot.floating:
+        ET.SubElement(root, "link", name=base)
     names = [base, *(body.name for body in robot.bodies)]
     for index, (body, inertia) in enumerate(zip(robot.bodies, content.inertias, strict=True)):
         ET.SubElement(root, "link", name=body.name).append(inertial_of(inertia))
+        if body.kind == "floating":
+            continue
         kind = "prismatic" if body.kind == "prismatic" else "revolute"
         joint = _joint(root, body.joint, kind, body, names[body.parent + 1], body.name)
         ET.SubElement(joint, "axis", xyz=numbers(body.axis))
@@ -199,7 +202,7 @@ def mjcf_of(content: Content) -> ET.Element:
     _tendons(root, content, bodies)
     _equalities(root, robot, bodies)
     motors = ET.SubElement(root, "actuator")
-    for joint in robot.coordinates:
+    for joint in robot.coordinates[robot.n_base :]:
         motor = ET.SubElement(motors, "motor", name=joint.name, joint=joint.name)
         if np.isfinite(joint.limits.effort):
             motor.set("ctrlrange", numbers([-joint.limits.effort, joint.limits.effort]))
@@ -211,7 +214,8 @@ def _bodies(content: Content, world: ET.Element) -> list[ET.Element]:
     """The base's and all bodies' elements, each inside its parent's."""
     robot, base = content.robot, base_of(content.robot)
     carriers = carriers_of(robot)
-    placed = [world if base == WORLD else ET.SubElement(world, "body", name=base)]
+    at_world = robot.floating or base == WORLD
+    placed = [world if at_world else ET.SubElement(world, "body", name=base)]
     for index, (body, inertia) in enumerate(zip(robot.bodies, content.inertias, strict=True)):
         start = body.ratio * robot.assembly[body.coordinate] + body.offset
         element = ET.SubElement(placed[body.parent + 1], "body", name=body.name)
@@ -224,6 +228,10 @@ def _bodies(content: Content, world: ET.Element) -> list[ET.Element]:
         com, about = rounded(inertia)
         body_mass = ET.SubElement(element, "inertial", pos=numbers(com), mass=number(inertia.mass))
         body_mass.set("fullinertia", numbers([about[i, j] for i, j in FULL_INERTIA]))
+        placed.append(element)
+        if body.kind == "floating":
+            ET.SubElement(element, "freejoint", name=body.joint)
+            continue
         joint = ET.SubElement(element, "joint", name=body.joint, type=kind, axis=numbers(body.axis))
         if start:
             joint.set("ref", number(start))
@@ -234,7 +242,6 @@ def _bodies(content: Content, world: ET.Element) -> list[ET.Element]:
             if np.isfinite(limits.effort):
                 joint.set("actuatorfrcrange", numbers([-limits.effort, limits.effort]))
             _effects(joint, content.joints[body.coordinate], "springref")
-        placed.append(element)
     return placed
 
 
@@ -321,5 +328,7 @@ def _home(root: ET.Element, robot: Robot, world: ET.Element) -> None:
         return
     positions = {b.joint: b.ratio * home[b.coordinate] + b.offset for b in robot.bodies}
     order = [str(joint.get("name")) for joint in world.iter("joint")]
+    free = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if robot.floating else []
     frames = ET.SubElement(root, "keyframe")
-    ET.SubElement(frames, "key", name="home", qpos=numbers([positions[name] for name in order]))
+    qpos = numbers([*free, *(positions[name] for name in order)])
+    ET.SubElement(frames, "key", name="home", qpos=qpos)
