@@ -81,3 +81,12 @@ def test_with_an_unknown_wrench_the_mass_of_the_base_is_not_seen(
     found = steelyard.identify(file, first, method="least_squares")
     assert "m.trunk" not in found.model.estimate.parameters.names
     assert "mx.fore_calf" in found.model.estimate.parameters.names
+
+
+def test_workers_and_fleets_refuse_it(logs: tuple[Path, list[str]]) -> None:
+    folder, files = logs
+    robot = dog(folder, IMU + HAND)
+    with pytest.raises(ModelError, match="whose base is at rest"):
+        steelyard.identify(robot, files, cluster="local:1")
+    with pytest.raises(ModelError, match="whose base is at rest"):
+        steelyard.fleet(robot, files, names="{robot}/{day}")

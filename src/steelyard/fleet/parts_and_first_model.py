@@ -25,6 +25,7 @@ from steelyard.identify.remembered_parts import (
 from steelyard.logs.log_parts import middle_of, natural
 from steelyard.logs.remembered_work import RememberedWork, key_of, remembered_work
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
+from steelyard.robot.robot import refuse_floating
 from steelyard.runs.runs_of_named_logs import paths_of
 
 
@@ -46,6 +47,7 @@ def fleet_parts(
     progress: Progress,
 ) -> Iterator[FleetParts]:
     """The parts of a fleet's logs, their first model, and what is remembered of them."""
+    refuse_floating(loaded.robot, "the work on a fleet")
     parts, nameless = parts_of(paths_of(logs, 1), names)
     columns = (temperature,) if isinstance(temperature, str) else tuple(temperature)
     with remembered_work(store) as memory:

@@ -141,7 +141,6 @@ def identify(
         ('joint1', 'joint2')
     """
     file = load_robot(robot, base=fixed_base)
-    check, unchecked = checkable(file, check)
     requested = {} if method is None else {"method": method_of(file, method).name}
     file = replace(file, estimation=file.estimation.model_copy(update=requested))
     method_of(file)
@@ -208,6 +207,7 @@ def _fitted(
     progress: Progress,
 ) -> _Fitted:
     """Check logs, make them runs, and fit the model to them."""
+    check, unchecked = checkable(file, check)
     carrying = payload[0]
     named_logs.refuse_overlaps([*known, *carrying], unknown)
     signals, reasons = named_logs.signals_of(file, known[0])

@@ -36,6 +36,7 @@ from steelyard.logs.log_parts import LogPart, middle_of, pieces_of, whole_logs
 from steelyard.logs.remembered_work import RememberedWork, remembered_work
 from steelyard.report.words import count
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
+from steelyard.robot.robot import refuse_floating
 from steelyard.runs.run import MotionSamples, Run
 from steelyard.runs.runs_of_named_logs import LogArgument, names_of_parts, sha256
 
@@ -56,6 +57,7 @@ class ManyLogs:
 
 def refuse_beside_workers(loaded: LoadedRobot, **asked: object) -> None:
     """A `DataError` where what is asked needs all runs in one process."""
+    refuse_floating(loaded.robot, "the work of workers")
     method = method_of(loaded)
     if method.needs != "information":
         raise DataError(
