@@ -230,18 +230,23 @@ def compiled(path: Path) -> tuple[Any, str]:
                 _free(body) and not body.explicitinertial
             ):  # welded to the world, it needs no mass of its own
                 body.explicitinertial, body.mass, body.inertia = True, 1.0, np.ones(3)
-        for geom in [g for g in spec.geoms if _of_file(g)]:
-            spec.delete(geom)
-        for kind in ("skins", "meshes", "hfields", "materials", "textures"):
-            for item in list(getattr(spec, kind)):
-                spec.delete(item)
-        for geom in spec.geoms:
-            geom.material = ""
-        for site in spec.sites:
-            site.material = ""
-        return spec.compile(), ""
+        return without_meshes(spec).compile(), ""
     except (ValueError, mujoco.FatalError) as error:
         return None, f"{first}; without meshes: {' '.join(str(error).split())}"
+
+
+def without_meshes(spec: Any) -> Any:
+    """The same specification without shapes of files, and without looks."""
+    for geom in [g for g in spec.geoms if _of_file(g)]:
+        spec.delete(geom)
+    for kind in ("skins", "meshes", "hfields", "materials", "textures"):
+        for item in list(getattr(spec, kind)):
+            spec.delete(item)
+    for geom in spec.geoms:
+        geom.material = ""
+    for site in spec.sites:
+        site.material = ""
+    return spec
 
 
 def _of_file(geom: Any) -> bool:
