@@ -3,11 +3,12 @@
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 import steelyard
 from floating_logs import HAND, IMU, TRACKED, dog, record
-from steelyard.base.errors import ModelError
+from steelyard.base.errors import LogError, ModelError
 
 NOISE = 0.05
 
@@ -90,3 +91,42 @@ def test_workers_and_fleets_refuse_it(logs: tuple[Path, list[str]]) -> None:
         steelyard.identify(robot, files, cluster="local:1")
     with pytest.raises(ModelError, match="whose base is at rest"):
         steelyard.fleet(robot, files, names="{robot}/{day}")
+
+
+def changed(folder: Path, log: str, name: str, factors: dict[str, float]) -> str:
+    """A log with some columns, by the beginnings of their names, multiplied."""
+    table = pl.read_parquet(log) if log.endswith(".parquet") else pl.read_csv(log)
+    found = {
+        c: pl.col(c) * factor
+        for start, factor in factors.items()
+        for c in table.columns
+        if c.startswith(start)
+    }
+    path = folder / f"{name}.csv"
+    table.with_columns(**found).write_csv(path)
+    return str(path)
+
+
+@pytest.mark.slow
+def test_a_wrong_force_on_the_base_decides_the_verdict(logs: tuple[Path, list[str]]) -> None:
+    folder, (first, second) = logs
+    robot, unseen = dog(folder, IMU + HAND), f"{second}@2:18"
+    clean = steelyard.identify(robot, first, unseen)
+    assert not any(one.check == "force on the base" for one in clean.content.limitations)
+    off = changed(folder, second, "off", {"hand_f": -1.0})
+    found = steelyard.identify(robot, first, f"{off}@2:18")
+    (one,) = (one for one in found.content.limitations if one.check == "force on the base")
+    assert one.severity.name == "WRONG" and "of the weight" in one.says
+    assert found.verdict.level == "poor"
+    model = clean.model
+    assert steelyard.validate(model, f"{off}@2:18").verdict.level == "poor"
+    assert steelyard.validate(model, unseen).verdict.level == "good"
+
+
+def test_what_carries_the_robot_must_be_measured(logs: tuple[Path, list[str]]) -> None:
+    folder, (first, _) = logs
+    with pytest.raises(LogError, match="is carried by"):
+        steelyard.identify(dog(folder, IMU), first)
+    light = changed(folder, first, "light", {"acc_": 0.1})
+    with pytest.raises(LogError, match="has no gravity in it, or another unit"):
+        steelyard.identify(dog(folder, IMU + HAND), light)

@@ -1,6 +1,6 @@
 """Motion of a floating base from the columns of its sensors, and efforts with contacts."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -123,14 +123,24 @@ def test_orientations_of_all_kinds() -> None:
         np.testing.assert_allclose(rotations(values, kind), axes, atol=1e-12)
 
 
-def test_a_base_that_turns_over_needs_a_gyroscope(logged: Logged, tmp_path: Path) -> None:
-    upright = changed(logged, tmp_path, lambda table: table.with_columns(
-        pl.lit(np.sqrt(0.5)).alias("marker_qy"), pl.lit(np.sqrt(0.5)).alias("marker_qw"),
-        pl.lit(0.0).alias("marker_qx"), pl.lit(0.0).alias("marker_qz"),
-    ))  # fmt: skip
+def oriented(logged: Logged, folder: Path, quaternion: Sequence[float]) -> Path:
+    """The log with one orientation of the marker body, x, y, z, w."""
+    given = [pl.lit(x).alias(f"marker_q{k}") for k, x in zip("xyzw", quaternion, strict=True)]
+    return changed(logged, folder, lambda table: table.with_columns(*given))
+
+
+def test_it_is_the_base_that_must_not_turn_over(logged: Logged, tmp_path: Path) -> None:
+    from scipy.spatial.transform import Rotation
+
+    mounted = Rotation.from_quat([0.1, -0.3, 0.2, 0.8])  # of the link "imu"
+    pitched = Rotation.from_euler("Y", 90.0, degrees=True)
+    upside = oriented(logged, tmp_path, (pitched * mounted).as_quat().tolist())
     with pytest.raises(LogError, match="pitches by 90°, where roll and yaw are not") as caught:
-        run_of(tmp_path, TRACKED, upright)
-    assert "angular_velocity of a gyroscope" in caught.value.fix
+        run_of(tmp_path, TRACKED, upside)
+    assert "LOG@START:STOP" in caught.value.fix
+    # a marker body that stands steeply on a base that does not
+    steep = oriented(logged, tmp_path, pitched.as_quat().tolist())
+    run_of(tmp_path, TRACKED, steep)
 
 
 def test_noise_of_sensors_is_noise_of_what_they_measure(tmp_path: Path) -> None:

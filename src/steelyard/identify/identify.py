@@ -27,6 +27,7 @@ from steelyard.check.findings_text_and_page import groups, open_words, print_not
 from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
 from steelyard.check.fitted.implausible_estimates_and_gear_side import refuse_absurd
 from steelyard.check.fitted.post_fit_checks import doubts_of_fit, examine_fit
+from steelyard.check.signals.carried_floating_base import refuse_uncarried
 from steelyard.check.signals.movement_rests_and_moving_base import of_base
 from steelyard.estimate.estimator_register import method_of
 from steelyard.estimate.scores.score import RunScore
@@ -232,6 +233,7 @@ def _fitted(
     assumed = (*file.notes, *unchecked, *reasons, *lost, *band)
     decided = of_logs.notes_of(every)
     refuse_same_rows(clean, unseen)
+    refuse_uncarried(every, file.robot)
     fitted_runs, carrying_runs = clean[: len(known)], clean[len(known) :]
     task = FitTask(model, file, fitted_runs, carrying_runs, *payload[1:], threads, progress)
 

@@ -264,9 +264,13 @@ def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, .
     if judged.level == "good" and not all(known_efforts(content.identified)):
         steps.append((weigh, "gains in Nm per A; until then no torques, no URDF"))
     elif judged.level == "good":
-        uses = "use the model, here as a URDF; also: feedforward, wrench, payload, watch"
+        more = "payload" if content.identified.robot.floating else OTHER_USES
+        uses = f"use the model, here as a URDF; also: {more}"
         steps.append((f"steelyard export {folder} --to urdf", uses))
     return tuple(steps)
+
+
+OTHER_USES = "feedforward, wrench, payload, watch"
 
 
 def path_word(path: str | Path) -> str:

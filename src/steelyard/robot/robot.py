@@ -317,8 +317,8 @@ def refuse_floating(robot: Robot, what: str) -> None:
         raise ModelError(
             f"{what} needs a robot whose base is at rest, and the base of '{robot.name}' floats",
             where=f"robot '{robot.name}'",
-            fix=f'name the link that is at rest instead of "{FLOATING}", such as '
-            f'base = "{robot.bodies[0].name}"',
+            fix="it is done for robots with a fixed base only; if a link really was at rest, name "
+            f'it instead of "{FLOATING}", such as base = "{robot.bodies[0].name}"',
         )
 
 

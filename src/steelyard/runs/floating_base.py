@@ -3,7 +3,7 @@ r"""The motion of a floating base, and what contacts add to the efforts, from lo
 Rows have six channels of the base: its proper acceleration or its place, and its angular velocity
 or roll, pitch and yaw $\phi, \theta, \psi$ of its orientation $R_z(\psi) R_y(\theta) R_x(\phi)$.
 They are smoothed and differentiated as positions of joints are. From these and their derivatives
-come, along the sensor's axes,
+come, along the base link's axes,
 
 $$ \omega = \begin{bmatrix} \dot\phi - \dot\psi s_\theta \\
    \dot\theta c_\phi + \dot\psi s_\phi c_\theta \\
@@ -63,18 +63,20 @@ def base_channels(base: BaseSignals, logged: Array, where: str) -> tuple[Array, 
     """
     split = np.split(logged, np.cumsum([3, len(base.angular_velocity)]), axis=1)
     translation, velocity, orientation = split
-    sensor = rotations(orientation, base.orientation_kind) if base.orientation else None
+    axes = None
+    if base.orientation:
+        sensor = rotations(orientation, base.orientation_kind)
+        axes = sensor @ np.reshape(base.axes, (3, 3)).T
     if base.angular_velocity:
         turning = base.angular_scale * velocity
     else:
-        assert sensor is not None
-        turning = _angles(sensor, where)
-    axes = None if sensor is None else sensor @ np.reshape(base.axes, (3, 3)).T
+        assert axes is not None
+        turning = _angles(axes, base.tracked, where)
     return np.hstack([base.scale * translation, turning]), axes
 
 
-def _angles(axes: Array, where: str) -> Array:
-    """Roll, pitch and yaw `(N, 3)` [rad] of axes `(N, 3, 3)`."""
+def _angles(axes: Array, tracked: bool, where: str) -> Array:
+    """Roll, pitch and yaw `(N, 3)` [rad] of the base link's axes `(N, 3, 3)`."""
     with np.errstate(invalid="ignore"):
         pitch = np.arcsin(np.clip(-axes[:, 2, 0], -1.0, 1.0))
         steep = np.abs(pitch) > STEEPEST
@@ -83,7 +85,9 @@ def _angles(axes: Array, where: str) -> Array:
             f"the base pitches by {np.rad2deg(pitch[steep][0]):.0f}°, where roll and yaw are not "
             "distinct",
             where=where,
-            fix="log angular_velocity of a gyroscope, and name it under [signals.base]",
+            fix="name a window of the log without that: LOG@START:STOP"
+            if tracked
+            else "log angular_velocity of a gyroscope, and name it under [signals.base]",
         )
     roll = np.arctan2(axes[:, 2, 1], axes[:, 2, 2])
     return np.column_stack([roll, pitch, np.arctan2(axes[:, 1, 0], axes[:, 0, 0])])
@@ -92,18 +96,16 @@ def _angles(axes: Array, where: str) -> Array:
 def base_motion(base: BaseSignals, z: Array, dz: Array, ddz: Array) -> tuple[Array, Array]:
     """Entries of the base in `dq` and `ddq`, `(6, N)`, of its channels and derivatives `(6, N)`."""
     velocity = np.zeros((3, z.shape[1]))
+    axes, place = np.reshape(base.axes, (3, 3)), np.reshape(base.place, (3, 1))
     if base.angular_velocity:
-        omega, alpha, acceleration = z[3:], dz[3:], z[:3]
+        omega, alpha = axes @ z[3:], axes @ dz[3:]
     else:
         omega, alpha = _rates(z[3:], dz[3:], ddz[3:])
-        acceleration = z[:3]
+    acceleration = axes @ z[:3]
     if base.tracked:
         back = of_angles(z[3:]).transpose(0, 2, 1)
         world = ddz[:3] - np.reshape(base.gravity, (3, 1))
         acceleration, velocity = (np.einsum("nij,jn->in", back, x) for x in (world, dz[:3]))
-    axes, place = np.reshape(base.axes, (3, 3)), np.reshape(base.place, (3, 1))
-    of_sensor = (omega, alpha, acceleration, velocity)
-    omega, alpha, acceleration, velocity = (axes @ x for x in of_sensor)
     swing = _cross(omega, place)
     acceleration = acceleration - _cross(alpha, place) - _cross(omega, swing)
     if base.tracked:

@@ -37,6 +37,7 @@ from steelyard.model.laws.friction_with_memory import LoadDependent
 from steelyard.model.laws.laws_without_friction import RotorInertia, Spring
 from steelyard.model.laws.register import law_of
 from steelyard.report.words import first_names, significant, with_interval
+from steelyard.robot.robot import BASE_COORDINATES
 
 
 @case_check("95 % bands")
@@ -259,7 +260,7 @@ def _term_instead(case: FittedCase, distance: float) -> str:
     )
 
 
-OF_A_LOG = ("nominal model", "unseen log", "95 % bands", "clipped efforts")
+OF_A_LOG = ("force on the base", "nominal model", "unseen log", "95 % bands", "clipped efforts")
 """Checks of logs that a model is compared with; `validate` makes them of its own logs."""
 
 
@@ -295,6 +296,8 @@ def below_nominal_check(case: FittedCase) -> Iterable[Finding]:
             f"{len(zero)} of {every} {SEPARABLE_ROTORS} are zero: torques may be those of sensors "
             f"on the link side; try {LINK_SIDE_INSTEAD} first"
         )
+    base = identified.signals.base
+    unknown = [] if base is None or base.wrench_known else [c.name for c in BASE_COORDINATES]
     for score in case.unseen_scores or case.fitted_scores:
         most: dict[str, float] = {}
         for joint in score.joints:
@@ -303,6 +306,7 @@ def below_nominal_check(case: FittedCase) -> Iterable[Finding]:
             j.joint: f"{j.joint} (RMSE {j.rmse:.2g} {j.unit}, nominal model {j.prior_rmse:.2g})"
             for j in score.joints
             if j.prior_rmse is not None
+            and j.joint not in unknown
             and j.predict_zero >= LOADED_JOINT_SHARE * most[j.unit]
             and j.rmse > WORSE_THAN_NOMINAL * j.prior_rmse
         }
@@ -329,6 +333,44 @@ def kept_doubts(identified: IdentifiedModel) -> tuple[Finding, ...]:
     return tuple(found)
 
 
+BASE_FORCE_ERRORS = 0.02, 0.1
+"""Errors of the force on a floating base over the robot's weight from which on something acts that
+the log does not have: doubtful, wrong."""
+OF_BASE_FORCE = Fix(
+    "Check contacts that are not measured, axes, signs, units and clock of the forces, and "
+    "mounting, unit, bias and clock of the inertial sensor"
+)
+
+
+@case_check("force on the base")
+def base_force_check(case: FittedCase) -> Iterable[Finding]:
+    """How far the force on a floating base is from that of the contacts, over the weight.
+
+    Only these rows see the total mass and the contacts; errors of joints can be small beside it.
+    """
+    identified = case.identified
+    base, robot = identified.signals.base, identified.robot
+    if base is None or not base.wrench_known:
+        return
+    own = identified.estimate.values.as_dict().get(f"m.{robot.bodies[0].name}", 0.0)
+    nominal = sum(body.inertia.mass for body in robot.bodies)
+    weight = max(own, nominal) * float(np.linalg.norm(base.gravity))
+    axes = [coordinate.name for coordinate in BASE_COORDINATES[:3]]
+    for score in case.unseen_scores or case.fitted_scores:
+        error = float(np.hypot.reduce([j.error for j in score.errors.joints if j.joint in axes]))
+        share = error / max(weight, 1e-300)
+        if share < BASE_FORCE_ERRORS[0]:
+            continue
+        says = (
+            f"the force on the base is predicted with an error of {significant(error)} N, "
+            f"{100.0 * share:.2g} % of the weight: masses and the total mass are wrong by as much"
+        )
+        brief, made = f"{says}. {OF_BASE_FORCE.says}", (says, "", (), OF_BASE_FORCE)
+        wrong = share >= BASE_FORCE_ERRORS[1]
+        finding = Finding.wrong if wrong else Finding.doubtful
+        yield finding(*made, headline=True, brief=brief, log=score.run)
+
+
 POST_FIT: tuple[CaseCheck[FittedCase], ...] = (
     absurd_bodies_check,
     light_links_check,
@@ -343,6 +385,7 @@ POST_FIT: tuple[CaseCheck[FittedCase], ...] = (
     scaled_efforts_check,
     load_friction_check,
     last_link_check,
+    base_force_check,
     below_nominal_check,
     unseen_reason_check,
     band_coverage_check,
