@@ -184,24 +184,26 @@ def of_first_usable(
             return attempt(texts), texts
         except SteelyardError as error:
             refused.append(error)
-            named = zip(now, texts, strict=False)  # the last one may not have been copied
-            bad = [part for part, text in named if _names(error, text)]
+            named = list(zip(now, texts, strict=False))  # the last one may not have been copied
+            bad = [part for part, text in named if text in error.where]
+            bad = bad or [part for part, text in named if _names(error, text)]
             if not bad and len(texts) == len(now) and not blame_first:
                 raise
             left = [part for part in left if part not in (bad or now[:1])]
     if len(parts) == 1:
         raise refused[0]
     raise LogError(
-        f"no few of {len(parts)} logs can be identified together, first: {refused[0].wrong}",
+        f"no sample of {len(parts)} logs can be identified, the first one: {refused[0].wrong}",
         where=parts[0].where,
         fix="see `steelyard check` with such a log: it names what to correct in the robot file",
     )
 
 
 def _names(error: SteelyardError, text: str) -> bool:
+    """Whether an error names a log by its file's name."""
     name = re.escape(Path(text).stem)
     named = re.compile(rf"(?<![\w.]){name}(?!\w|\.\d)")
-    return text in error.where or named.search(f"{error.where} {error.wrong}") is not None
+    return named.search(f"{error.where} {error.wrong}") is not None
 
 
 def with_reading_of(model: IdentifiedModel, log: str) -> IdentifiedModel:
