@@ -197,7 +197,7 @@ def _unscaled_because(
     loaded: LoadedRobot, prepared: preparation.PreparedFit, estimator: Estimator[Any]
 ) -> str:
     """Why scales cannot be estimated; empty where they can."""
-    if prepared.model.robot.floating:
+    if loaded.robot.floating:
         return "with a floating base, whose efforts are known: none, or those of contacts"
     if prepared.gains is not None:
         return 'together with gain = "identify"'
