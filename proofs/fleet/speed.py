@@ -72,7 +72,11 @@ def main() -> list[Claim]:
         steelyard.plan_fleet(folder / "arm.toml", folder / "logs", temperature="temp",
                              store=folder / "begun", processes=1)  # fmt: skip
         alone, _ = run(begun("alone"), processes=1)
-        with dask.config.set(OF_WORKERS), LocalCluster(n_workers=1, threads_per_worker=1) as cluster:
+        quiet = {"dashboard_address": None, "silence_logs": 50}
+        with (
+            dask.config.set(OF_WORKERS),
+            LocalCluster(n_workers=1, threads_per_worker=1, **quiet) as cluster,
+        ):
             one, _ = run(begun("one"), cluster=cluster.scheduler_address)
         two, _ = run(begun("two"), cluster="local:2")
         pool, _ = run(begun("pool"), processes=2)
