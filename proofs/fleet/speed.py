@@ -15,7 +15,7 @@ from proofs.support.claims import Claim, main_of
 
 import steelyard
 from steelyard.base.progress import Event
-from steelyard.base.workers import OF_WORKERS
+from steelyard.base.workers import OF_WORKERS, one_thread_each
 
 TIMED = True
 ROBOTS, DAYS = 12, 30
@@ -72,6 +72,7 @@ def main() -> list[Claim]:
         steelyard.plan_fleet(folder / "arm.toml", folder / "logs", temperature="temp",
                              store=folder / "begun", processes=1)  # fmt: skip
         alone, _ = run(begun("alone"), processes=1)
+        one_thread_each()  # of workers that inherit it, as `local:N` does
         quiet = {"dashboard_address": None, "silence_logs": 50}
         with (
             dask.config.set(OF_WORKERS),
