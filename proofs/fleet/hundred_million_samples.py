@@ -16,7 +16,8 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from proofs.support.claims import Claim, data_folder, main_of
+from proofs.support.claims import Claim, main_of
+from proofs.support.simulated_fleet import ROBOT_FILE, urdf
 
 import steelyard
 from steelyard.base.arrays import Parameters
@@ -28,19 +29,6 @@ from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 TIMED = True
 PARTS, SAMPLES, RATE, MEASURED = 200, 500_000, 1000.0, 6
 MOST_MIB, MOST_RATIO, LEAST_COVERED = 600.0, 1.3, 0.9
-ROBOT_FILE = """[robot]
-urdf = "{urdf}"
-[signals]
-time = "t"
-position = "q_{{}}"
-velocity = "dq_{{}}"
-[signals.effort]
-columns = "tau_{{}}"
-kind = "joint_torque"
-unit = "Nm"
-[model]
-terms = ["rigid_body", "coulomb", "viscous", "offset"]
-"""
 FRICTION = {"coulomb": 0.8, "viscous": 0.5, "offset": 0.1}
 SPREAD_T, NOISE_Q, NOISE_DQ = 0.3, 1e-6, 1e-3  # of efforts [Nm], positions and velocities
 
@@ -73,7 +61,7 @@ def write_part(folder: Path, number: int) -> None:
     tau = np.asarray(robot.torque(steelyard.Motion(t, q.T, dq.T, ddq.T))).T
     columns = {"t": t + number * SAMPLES / RATE}
     for name, x, noise in (("q", q, NOISE_Q), ("dq", dq, NOISE_DQ), ("tau", tau, SPREAD_T)):
-        columns |= {f"{name}_{j + 1}": x[j] + rng.normal(0.0, noise, SAMPLES) for j in range(n)}
+        columns |= {f"{name}{j + 1}": x[j] + rng.normal(0.0, noise, SAMPLES) for j in range(n)}
     pl.DataFrame(columns).write_parquet(folder / "logs" / f"part{number:03d}.parquet")
 
 
@@ -151,12 +139,11 @@ class Watch:
 
 def main() -> list[Claim]:
     count = int(sys.argv[1]) if len(sys.argv) > 1 else PARTS
-    urdf = data_folder() / "panda" / "panda_arm.urdf"
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "logs").mkdir()
         os.environ["STEELYARD_CACHE"] = str(folder / "cache")
-        (folder / "arm.toml").write_text(ROBOT_FILE.format(urdf=urdf))
+        (folder / "arm.toml").write_text(ROBOT_FILE.format(urdf=urdf()))
         with ProcessPoolExecutor(2, get_context("spawn")) as pool:
             for number, _ in enumerate(pool.map(write_part, [folder] * count, range(count))):
                 print(f"\rwritten: {number + 1} of {count}", end="", file=sys.stderr)

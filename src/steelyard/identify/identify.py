@@ -193,7 +193,7 @@ class _Fitted:
     diagnosis: Diagnosis | None
     assumed: tuple[str, ...]  # notes that the report begins with
     decided: tuple[str, ...]  # details
-    doubts: tuple[Finding, ...] = ()  # about logs that only workers read
+    doubts: tuple[Finding, ...] = ()  # about logs that are not checked, or only workers read
 
 
 def _fitted(
@@ -230,7 +230,7 @@ def _fitted(
         unresolved = notes_of_precheck(diagnosis, file.reference)
     every = (*clean, *unseen)
     lost = (*of_logs.dropped_rows(every), *of_logs.left_out_stretches(every))
-    assumed = (*file.notes, *unchecked, *reasons, *lost, *band)
+    assumed = (*file.notes, *reasons, *lost, *band)
     decided = of_logs.notes_of(every)
     refuse_same_rows(clean, unseen)
     refuse_uncarried(every, file.robot)
@@ -248,9 +248,9 @@ def _fitted(
         assumed = (*assumed, *forces)
         refuse_absurd(found.identified, file.reference)
     logs = [*known, *carrying]
-    return _Fitted(
-        file, calibrated(found), logs, unknown, clean, unseen, diagnosis, assumed, decided
-    )
+    said = tuple(Finding.ok(one, headline=True).by("no check") for one in unchecked)
+    of_runs = logs, unknown, clean, unseen
+    return _Fitted(file, calibrated(found), *of_runs, diagnosis, assumed, decided, said)
 
 
 def _reported(

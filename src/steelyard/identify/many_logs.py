@@ -171,7 +171,7 @@ def of_all_logs(
     )
     fitted = found.fitted._replace(estimate=estimate)
     whole = replace(found, identified=identified, fitted=fitted, unscaled=None)
-    said = f"errors of fitted runs are those of {len(sample)} of {_logs(parts, used)}"
+    said = f"checks and errors of fitted runs are those of {len(sample)} of {_logs(parts, used)}"
     of_sample = Finding.ok(said, headline=True).by("many logs")
     return whole, _first(notes), (of_sample, *_doubts(out, len(parts.parts)))
 
