@@ -8,11 +8,13 @@ import os
 import re
 import socket
 import sys
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context
+from time import perf_counter
 from typing import Any, TypeVar
 
 from steelyard.base.errors import DataError, require
@@ -33,6 +35,8 @@ OF_WORKERS = {
 }
 """What workers of Dask start with. Its own choice of memory's thresholds lets every array of some
 size be mapped anew: logs then take twice the time."""
+TASK_S = 0.5  # time of one task of a cluster: small pieces go together, as each costs 10 ms
+AHEAD = 2  # tasks that a worker has, one of them waiting
 START_S = 60  # time in which a cluster has to answer
 
 
@@ -157,15 +161,34 @@ def _on_dask(
 
     with _client(cluster) as client:
         shared = client.scatter(common, broadcast=True)
-        futures = {
-            client.submit(work, shared, item, pure=False, retries=DEATHS): number
-            for number, item in enumerate(items)
-        }
+        left, sent, size = deque(enumerate(items)), dict[Any, list[int]](), 1
         with _lost_named(cluster):
-            for future in of_dask(list(futures)):
+            ended = of_dask()
+            while left or sent:
+                workers = max(sum(client.nthreads().values()), 1)
+                while left and len(sent) < AHEAD * workers:
+                    some = [left.popleft() for _ in range(min(size, len(left)))]
+                    pieces = [item for _, item in some]
+                    future = client.submit(
+                        _several, work, shared, pieces, pure=False, retries=DEATHS
+                    )
+                    sent[future] = [number for number, _ in some]
+                    ended.add(future)
+                future = next(ended)
                 if future.status == "lost" or future.cancelled():
                     raise ConnectionError("the scheduler forgot the work")
-                yield futures.pop(future), future.result()
+                numbers, (results, seconds) = sent.pop(future), future.result()
+                yield from zip(numbers, results, strict=True)
+                fair = len(left) // (AHEAD * workers)  # so that all workers end together
+                size = max(1, min(fair, int(TASK_S * len(numbers) / max(seconds, 1e-6))))
+
+
+def _several(
+    work: Work[Common, Item, Result], common: Common, items: Sequence[Item]
+) -> tuple[list[Result], float]:
+    """Results of a few pieces, one task of the cluster, and the time that they took [s]."""
+    began = perf_counter()
+    return [work(common, item) for item in items], perf_counter() - began
 
 
 @contextmanager
