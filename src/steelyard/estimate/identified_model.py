@@ -42,6 +42,7 @@ from steelyard.estimate.external.wrench_methods_and_observer_step import (
 )
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap
 from steelyard.estimate.information.filter_and_gram import noise_bandwidth
+from steelyard.estimate.mass_and_centre import MassAndCentre, mass_and_centre
 from steelyard.model.compiled_quantity import Stepper
 from steelyard.model.dynamics import Dynamics
 from steelyard.model.model import Model, ValuedModel
@@ -204,6 +205,22 @@ class IdentifiedModel(Dynamics):
     def start(self) -> Stepper:
         """Begin to evaluate sample by sample: `start().step(q, dq, ddq)`."""
         return self.valued.start()
+
+    def mass_and_centre(self, q: ArrayLike) -> MassAndCentre:
+        """Mass and centre of mass of the whole robot, with 95 % intervals, of a floating base.
+
+        Args:
+            q: Positions of the joints, or of all coordinates; one or many.
+
+        Raises:
+            ModelError: The base is fixed, or an unknown wrench acts on it.
+
+        Example:
+            >>> model = load_model("arm-model")
+            >>> model.mass_and_centre([0.3, 0.5]) if model.robot.floating else "fixed base"
+            'fixed base'
+        """
+        return mass_and_centre(self, q)
 
     @cached_property
     def base_covariance(self) -> Array:

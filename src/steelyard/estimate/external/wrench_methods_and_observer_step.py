@@ -205,10 +205,16 @@ def moved_frame(robot: Robot, name: str | None) -> Frame:
 
 
 def observed_quantity(frame: Frame, axes: Axes, columns: tuple[int, ...]) -> Quantity:
-    """Momentum, drive, Jacobian and regressor columns of a model at a sample."""
+    """Momentum, drive, Jacobian and regressor columns of a model at a sample.
+
+    Of a floating base, whose velocity and inclination are not known, momentum and drive are zero.
+    """
 
     def build(equations: Equations, given: Given) -> list[Scalar]:
-        momentum, drive = momentum_and_drive(equations, given)
+        momentum: Sequence[Scalar] = [0.0] * equations.robot.n
+        drive = momentum
+        if not equations.robot.floating:
+            momentum, drive = momentum_and_drive(equations, given)
         jacobian = jacobian_of(equations, frame, axes, given)
         return [*momentum, *drive, *jacobian.ravel(), *_regressor(equations, given, columns)]
 

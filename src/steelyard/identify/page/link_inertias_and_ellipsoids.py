@@ -89,6 +89,21 @@ def identified_links(identified: IdentifiedModel) -> Iterator[IdentifiedLink]:
         yield IdentifiedLink(body.name, inertia, covariance, float(learned), nominal, least)
 
 
+def whole_body_words(identified: IdentifiedModel) -> str:
+    """Mass and centre of mass of a robot with a floating base; empty where they are not seen."""
+    base = identified.signals.base
+    if base is None or not base.wrench_known or not identified.motions:
+        return ""
+    posture = np.concatenate([samples.q for samples in identified.motions]).mean(axis=0)
+    found = identified.mass_and_centre(posture)
+    axes = zip("xyz", found.centre, found.half_width, strict=True)
+    centre = ", ".join(f"{name} {with_interval(c, h)}" for name, c, h in axes)
+    return (
+        f"whole robot: {with_interval(found.mass, found.mass_half_width)} kg, centre of mass in "
+        f"the mean posture of the fitted logs {centre} m in the frame of the base"
+    )
+
+
 def margin(inertia: Inertia, prior: Inertia) -> float:
     """Smallest eigenvalue of the pseudo-inertia in the scale of a prior's; no unit."""
     factor = np.linalg.cholesky(prior.pseudo)

@@ -19,6 +19,7 @@ from steelyard.estimate.parameter_status_bootstrap_and_sensitivity import (
     ParameterStatus,
     statuses,
 )
+from steelyard.identify.page.link_inertias_and_ellipsoids import whole_body_words
 from steelyard.identify.page.report_content_and_error_words import ReportContent
 from steelyard.model.laws.register import description_of
 from steelyard.report.page import FigureSection, Numbers, Section
@@ -198,13 +199,13 @@ class ParametersSection(Section, name="parameters", title="Parameters", template
 
 
 def usable(identified: IdentifiedModel) -> tuple[str, ...]:
-    """Counts of the parameters by status; unless all are good, what to use them for."""
+    """Counts of the parameters by status, what to use them for, and what the whole robot weighs."""
     table = parameter_rows(identified)
     removed = sum(row.status == "removed" for row in table)
     taken = f"; {removed} removed, taken as zero" if removed else ""
     words = f"{count(len(table) - removed, 'base parameter')}: {counts(table)}{taken}"
     good = all(row.status in SUFFICIENT for row in table)
-    return (words,) if good else (words, ONE_BY_ONE)
+    return tuple(filter(None, (words, "" if good else ONE_BY_ONE, whole_body_words(identified))))
 
 
 def counts(table: Sequence[ParameterRow]) -> str:

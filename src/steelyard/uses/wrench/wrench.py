@@ -29,7 +29,6 @@ from steelyard.report.page_figures import Figure, Group, Key, Traced, area, even
 from steelyard.report.result import Result, print_verdict
 from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE, significant
-from steelyard.robot.robot import refuse_floating
 from steelyard.runs.runs_of_named_logs import log_file
 from steelyard.uses.control.feedforward import refuse_unknown_gains
 from steelyard.uses.wrench import measured_wrench_and_sensor_mounting as sensors
@@ -405,7 +404,7 @@ def external_wrench(
     log: str | Path,
     frame: str | None = None,
     *,
-    residual: ResidualKind = "momentum",
+    residual: ResidualKind | None = None,
     method: MethodName = "smoothed",
     bandwidth: float | None = None,
     force: float = FORCE,
@@ -425,7 +424,8 @@ def external_wrench(
         model: The model, its `model.json`, or the folder that contains it.
         log: The log; `run.csv@5:20` is a window in seconds.
         frame: Frame that the wrench acts on; that of the robot's end if `None`.
-        residual: What external torques are computed from; the momentum needs no accelerations.
+        residual: What external torques are computed from; if `None` the momentum, which needs no
+            accelerations, or the torque with a floating base, whose velocity is not logged.
         method: `smoothed` over time, with errors of the model estimated from the same log;
             `weighted` by the uncertainty of the model and the expected wrench, each sample by
             itself; `inverse`, by the transposed Jacobian's inverse.
@@ -458,7 +458,6 @@ def external_wrench(
         True
     """
     identified = load_model(model)
-    refuse_floating(identified.robot, "the estimate of a wrench")
     refuse_unknown_gains(identified)
     moved_frame(identified.robot, frame)
     expected = methods.Expected(force, lever)

@@ -33,6 +33,7 @@ from steelyard.estimate.scores.residual_traces_and_band_calibration import (
     residual_trace,
 )
 from steelyard.model.torque_and_quantities import Quantity
+from steelyard.robot.robot import refuse_floating
 from steelyard.runs.run import Block, Run
 from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
     noise_bandwidth,
@@ -252,12 +253,19 @@ def _driven(
     return observed.momentum.copy(), effort + observed.drive
 
 
+def residual_of(identified: IdentifiedModel, asked: ResidualKind | None) -> ResidualKind:
+    """What external torques are computed from: the torque where the base floats."""
+    if asked == "momentum":
+        refuse_floating(identified.robot, "the momentum of external torques")
+    return asked or ("torque" if identified.robot.floating else "momentum")
+
+
 def estimated_wrench(
     identified: IdentifiedModel,
     run: Run,
     frame: str | None = None,
     *,
-    residual: ResidualKind = "momentum",
+    residual: ResidualKind | None = None,
     method: WrenchMethod | None = None,
     bandwidth: float | None = None,
     axes: methods.Axes = "frame",
@@ -273,6 +281,7 @@ def estimated_wrench(
     place = methods.moved_frame(identified.robot, frame)
     chosen = _bandwidth(identified, run, bandwidth)
     whole = replace(run, span=(-np.inf, np.inf))
+    residual = residual_of(identified, residual)
     sigma = np.asarray(identified.estimate.sigma)
     method = Smoothed() if method is None else method
     pushes = _expected_efforts(identified, whole, method.expected)
