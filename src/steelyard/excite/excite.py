@@ -32,6 +32,7 @@ from steelyard.excite.controller_file_formats import (
 )
 from steelyard.excite.design_problem_and_information import earlier_of, identified_before
 from steelyard.excite.design_problem_from_tables import Tables
+from steelyard.excite.held_base import held_by_its_base
 from steelyard.excite.page.design_page import render_design
 from steelyard.excite.page.design_text import DesignContent, design_headline, print_design, scopes
 from steelyard.excite.search.parallel_search import SearchBudget
@@ -236,6 +237,7 @@ class DesignTask:
     formats: tuple[str, ...]
     rate: float | None
     start: ExactTrajectory | None = None
+    held: Gap | None = None  # what is not covered where the base of the robot floats
 
     @property
     def searched(self) -> bool:
@@ -249,6 +251,7 @@ class DesignTask:
         designed = design(self.tables, effort, start=self.start, progress=progress, since=since)
         found = DesignedMotion(designed, self.tables[0], self.formats, self.rate)
         gaps = gaps_of_files(designed, found.written_formats, self.rate)
+        gaps += [] if self.held is None else [self.held]
         certificate = designed.certificate
         certificate = replace(certificate, notes=(*certificate.notes, *gaps))
         notes = (*designed.notes, *gaps)
@@ -270,7 +273,9 @@ def design_task(
 ) -> DesignTask:
     """The design problem; arguments and errors are those of `design_excitation`."""
     loaded = load_robot(robot, base=fixed_base)
-    refuse_floating(loaded.robot, "the design of a motion")
+    if earlier is not None:
+        refuse_floating(loaded.robot, "the design of a motion beside an earlier log")
+    loaded, held = held_by_its_base(loaded)
     try:
         loaded = replace(loaded, excitation=changed_excitation(loaded.excitation, **tables))
     except ValueError as error:
@@ -287,7 +292,7 @@ def design_task(
     first = None if start is None else read_motion(Path(start), loaded.robot)
     if first is not None:
         refuse_other_kind(first, loaded, str(start))
-    return DesignTask((loaded, model, before), forms, rate, first)
+    return DesignTask((loaded, model, before), forms, rate, first, held)
 
 
 @checked(budget=0.0, rate=1.0, searches=1, processes=1, seed=0)
