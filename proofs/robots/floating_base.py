@@ -1,10 +1,13 @@
 """Legged robots with a floating base: torques, contacts and ranks are those of two other programs.
 
-Models of MuJoCo Menagerie and a URDF, in `models` beside the data. Go2 and Spot are not among them.
+Models of MuJoCo Menagerie and a URDF, in `models` beside the data. Go2 and Spot are not among them:
+an A1 that carries an arm stands for a Spot with its arm.
 Both oracles read the files themselves: Pinocchio with a free flyer as root, MuJoCo with the file's
 free joint. Errors are relative to the largest torque.
 """
 
+import re
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Protocol
@@ -13,7 +16,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 from proofs.support.claims import Claim, data_folder, main_of
-from proofs.support.mujoco_oracle import compiled
+from proofs.support.mujoco_oracle import compiled, without_meshes
 
 from steelyard.base.arrays import Array
 from steelyard.base.motion import Motion
@@ -205,10 +208,30 @@ def at_rest(path: Path, link: str) -> float:
     return float(np.abs(found - wanted).max() / np.abs(wanted).max())
 
 
+def with_arm(menagerie: Path, place: Path) -> Path:
+    """An A1 with a Z1 on its back, as an MJCF without meshes at `place`."""
+    dog, arm = (
+        without_meshes(mujoco.MjSpec.from_file(str(menagerie / name)))
+        for name in ("unitree_a1/a1.xml", "unitree_z1/z1.xml")
+    )
+    for spec in (dog, arm):
+        for key in spec.keys:
+            spec.delete(key)
+    arm.option.integrator = dog.option.integrator
+    arm.worldbody.bodies[0].pos = [0.15, 0.0, 0.06]
+    dog.worldbody.bodies[0].add_frame().attach_body(arm.worldbody.bodies[0], "arm_", "")
+    dog.compile()
+    place.write_text(re.sub(r"\s*</?frame[^>]*>", "", dog.to_xml()))  # Pinocchio reads none
+    return place
+
+
 def main() -> list[Claim]:
     """All robots."""
     models = data_folder().parent / "models"
     found = [x for name, path in ROBOTS.items() for x in claims_of(name, models / path)]
+    with tempfile.TemporaryDirectory() as folder:
+        carrying = with_arm(models / "menagerie", Path(folder) / "a1_z1.xml")
+        found += claims_of("A1 with a Z1", carrying)
     error = at_rest(models / ROBOTS["A1"], "trunk")
     name = "A1, floating base at rest against fixed base"
     return [*found, Claim(name, f"{error:.1e}", f"<= {ROUNDING:g}", error <= ROUNDING)]
