@@ -37,6 +37,11 @@ TRACKED = (
     '[signals.base]\nframe = "imu"\nposition = "marker_{}"\norientation = "marker_q{}"\n'
     'orientation_kind = "xyzw"\n'
 )
+TOE = (0.02, 0.01, -0.03)  # what touches, in the frame of a foot [m]
+FLAG = (
+    f'[[signals.base.contacts]]\nframe = "fore_foot"\ntouching = "fore_load"\nthreshold = 2.0\n'
+    f"position = {list(TOE)}\n"
+)
 HAND = '[[signals.base.contacts]]\nframe = "handle"\nforce = "hand_f{}"\nmoment = "hand_m{}"\n'
 
 
@@ -107,9 +112,17 @@ def columns_of(names: str, values: Array, parts: str = "xyz") -> Mapping[str, Ar
 
 
 def record(
-    folder: Path, name: str = "log", seed: int = 0, seconds: float = 20.0, noise: float = 0.0
+    folder: Path,
+    name: str = "log",
+    seed: int = 0,
+    seconds: float = 20.0,
+    noise: float = 0.0,
+    push: float = 0.0,
 ) -> tuple[Path, Motion]:
-    """A log of the dog, in a hand's grip that makes its base move so; and the true motion."""
+    """A log of the dog, in a hand's grip that makes its base move so; and the true motion.
+
+    A `push` is the size of a force on the toe of its fore foot, half of the time [N].
+    """
     robot = load_robot(dog(folder, IMU)).robot
     model = Model(robot, (RigidBody(),)).prior
     assert model is not None
@@ -125,6 +138,10 @@ def record(
     )  # fmt: skip
     torque, jacobian = model.torque(motion), model.jacobian(motion.q, "handle")
     at, turned = model.pose(motion.q, "handle")
+    pushed = push * (np.sin(1.3 * t) > 0.0)[:, None] * (1.0 + waves(t, seed + 9, 3, 0.5)[0])
+    foot_axes, foot = model.pose(motion.q, "fore_foot")[1], model.jacobian(motion.q, "fore_foot")
+    toe = np.cross(foot[:, 3:], (foot_axes @ np.array(TOE))[:, :, None], axis=1) + foot[:, :3]
+    torque = torque - np.einsum("nij,ni->nj", toe, pushed)
     along = np.linalg.solve(jacobian[:, :, :6].transpose(0, 2, 1), torque[:, :6, None])
     efforts = torque - (jacobian.transpose(0, 2, 1) @ along)[..., 0]
     hand = along[..., 0].reshape(-1, 2, 3)
@@ -135,7 +152,7 @@ def record(
     felt = proper + np.cross(alpha, sensor.position) + np.cross(omega, swing)
     marker = axes @ sensor.rotation
     rng = np.random.default_rng(seed)
-    frame = {"t": t}
+    frame = {"t": t, "fore_load": np.linalg.norm(pushed, axis=1)}
     frame |= {f"q_{name}": q[:, j] for j, name in enumerate(JOINTS)}
     frame |= {
         f"tau_{name}": efforts[:, 6 + j] + noise * rng.normal(size=len(t))

@@ -23,6 +23,9 @@ STEP, ROWS = 5e-4, 4  # step of the simulation [s], steps that a row is the mean
 IMU = (0.05, -0.02, 0.03)  # place of the inertial sensor on the base link [m]
 TURNED = (10.0, -5.0, 30.0)  # how it is turned there: roll, pitch, yaw [deg]
 SPREAD, SHIFT = 0.15, 0.01  # of true masses, relative, and of centres of mass [m]
+HARD = [0.005, 1.0], [0.9, 0.95, 0.001]  # constraint by which MuJoCo makes contacts
+TOUCHING = 4.0  # measured force above which a foot touches for sure [N]
+STIFF = 0.999  # impedance of the constraint by which MuJoCo makes dry friction of joints
 NOISE = {"q": 2e-5, "tau": 0.05, "acc": 0.05, "gyro": 2e-3, "force": 0.5, "moment": 0.02}
 """Standard deviations of a row [rad, Nm, m/s², rad/s, N, Nm]."""
 
@@ -33,7 +36,7 @@ Targets = Callable[[float], Array]
 class Legged:
     """A robot, links that its contacts are on, amplitudes of sways by the ends of joints' names.
 
-    One that hangs is held by its base instead.
+    One that hangs is held by its base instead. Feet are balls on these links: place and radius.
     """
 
     file: str
@@ -44,6 +47,7 @@ class Legged:
     bent: dict[str, float] | None = (
         None  # by how much joints are bent where it hangs; else it stands
     )
+    ball: tuple[tuple[float, float, float], float] | None = None  # [m]
 
     @property
     def hung(self) -> bool:
@@ -58,6 +62,7 @@ LEGGED = {
         ("FR_calf", "FL_calf", "RR_calf", "RL_calf"),
         {"hip_joint": 0.07, "thigh_joint": 0.12, "calf_joint": 0.15},
         "world",
+        ball=((0.0, 0.0, -0.2), 0.02),
     ),
     "G1": Legged(
         "menagerie/unitree_g1/g1.xml",
@@ -100,6 +105,12 @@ class Simulation:
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_EULERDAMP
         self.robot, self.model = robot, spec.compile()
+        # by default friction is a damper up to 0.1 rad/s and more, not the law's constant
+        self.model.dof_solref[:] = [2.0 * STEP, 1.0]
+        self.model.dof_solimp[:, :2] = STIFF
+        # hard balls touch the floor at a point and take no moment; the file's give by 6 to 15 mm
+        self.model.geom_condim[:] = 3
+        self.model.geom_solref[:], self.model.geom_solimp[:, :3] = HARD
         self._disturb(np.random.default_rng(seed), load)
         self.data = mujoco.MjData(self.model)
         mujoco.mj_resetDataKeyframe(self.model, self.data, self.model.key(robot.key).id)
@@ -183,7 +194,11 @@ class Simulation:
         sizes = [NOISE.get(name.split("_")[0], 0.0) for name in names]
         means += np.array(sizes) * rng.normal(size=means.shape)
         t = STEP * ROWS * np.arange(len(means))
-        pl.DataFrame({"t": t, **dict(zip(names, means.T, strict=True))}).write_parquet(path)
+        columns = {"t": t, **dict(zip(names, means.T, strict=True))}
+        for foot in self.robot.feet:
+            force = [columns[f"force_{foot}_{axis}"] for axis in "xyz"]
+            columns[f"load_{foot}"] = np.linalg.norm(force, axis=0)
+        pl.DataFrame(columns).write_parquet(path)
 
     def _hold(self, t: float, seed: int) -> None:
         """The hoist: springs and dampers from the base to a frame that sways."""
@@ -255,15 +270,21 @@ class Simulation:
         axes = np.eye(3) if self.robot.axes == "world" else data.xmat[body].reshape(3, 3)
         return np.concatenate([axes.T @ force, axes.T @ moment])
 
-    def robot_file(self, folder: Path, path: Path, more: str = "") -> Path:
-        """The robot file for its logs."""
+    def robot_file(self, folder: Path, path: Path, more: str = "", measured: bool = True) -> Path:
+        """The robot file for its logs; of contacts with their wrenches, or only sizes of forces."""
         roll, pitch, yaw = TURNED
+        known = (
+            'force = "force_{0}_{{}}"\nmoment = "moment_{0}_{{}}"\n' + f'axes = "{self.robot.axes}"'
+        )
+        if not measured and self.robot.ball is not None:
+            place, radius = self.robot.ball
+            known = f'touching = "load_{{0}}"\nthreshold = {TOUCHING}\n'
+            known += f"position = {list(place)}\nradius = {radius}"
         feet = "".join(
-            f'[[signals.base.contacts]]\nframe = "{foot}"\nforce = "force_{foot}_{{}}"\n'
-            f'moment = "moment_{foot}_{{}}"\naxes = "{self.robot.axes}"\n'
+            f'[[signals.base.contacts]]\nframe = "{foot}"\n{known.format(foot)}\n'
             for foot in self.robot.feet
         )
-        file = folder / "robot.toml"
+        file = folder / f"{'measured' if measured else 'flags'}.toml"
         file.write_text(
             f"""[robot]
 mjcf = "{path}"

@@ -63,7 +63,7 @@ def test_bases_that_are_not_clear(base: str, wrong: str, fix: str, tmp_path: Pat
         ('"joint_torque"', '"gravity_compensated_torque"', "gravity compensated efforts are not"),
         ("[signals]", '[processing]\nrepetitions = "find"\n[signals]', "repetitions of a motion"),
         ('position = "q_', 'target = "t_{}"\nposition = "q_', "nobody commands a base"),
-        ('unit = "Nm"', 'unit = "A"\ngain = "identify"', "beside measured contacts"),
+        ('unit = "Nm"', 'unit = "A"\ngain = "identify"', "beside contacts"),
     ],
 )
 def test_what_does_not_go_with_a_floating_base(

@@ -21,6 +21,7 @@ from steelyard.estimate.friction.friction_mixes_and_curves import PLAIN, with_an
 from steelyard.estimate.information import base_parameters_and_regressor as regression
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
+from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.nonlinear import nonlinear_parameters as nonlinear
 from steelyard.estimate.nonlinear.grid_search import InformationOf
 from steelyard.estimate.payload.drive_gains import GainEstimate, identified_gains
@@ -114,6 +115,7 @@ def prepare_fit(task: FitTask, estimator: Estimator[Information]) -> PreparedFit
         own = (run.recording.signals for run in runs)
         known = (replace(signals, gains=given, unknown_gains=none) for signals in own)
         runs = tuple(map(with_signals, runs, known))
+    runs = _with_spread(task, runs)
     signals = runs[0].recording.signals
     if not all(gains_known(signals.effort_units, signals.gains)):
         task = replace(task, model=_in_unit_of_log(task, runs))
@@ -139,6 +141,27 @@ def prepare_fit(task: FitTask, estimator: Estimator[Information]) -> PreparedFit
         *([] if converged else [_NOT_CONVERGED]),
     )
     return PreparedFit(model, runs, information_of, choice, found.findings, gains, offsets, notes)
+
+
+SPREAD_ROUNDS, SPREAD_FOUND = 4, 0.05
+"""Most fits for the errors of rows without contact forces, and their change that is none."""
+
+
+def _with_spread(task: FitTask, runs: tuple[Run, ...]) -> tuple[Run, ...]:
+    """Runs whose contact forces are taken out by the errors of the efforts, if any are unknown."""
+    base = runs[0].recording.signals.base
+    if base is None or not base.touches:
+        return runs
+    model = with_any_speed(with_friction(task.model, task.loaded))
+    regressor = regression.base_regressor(model)
+    for _ in range(SPREAD_ROUNDS):
+        found = WeightedLeastSquares().fit(task.information_of(model, runs)(regressor))
+        before, now = base.spread, np.sqrt(found.variances)
+        base = replace(base, spread=tuple(now.tolist()))
+        runs = tuple(with_signals(run, replace(run.recording.signals, base=base)) for run in runs)
+        if before and np.abs(np.log(now / np.array(before))).max() < SPREAD_FOUND:
+            break
+    return runs
 
 
 def _in_unit_of_log(task: FitTask, runs: Sequence[Run]) -> Model:

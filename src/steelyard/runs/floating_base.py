@@ -13,16 +13,13 @@ and at the origin of the base frame, with the sensor at $r$,
 $a_0 = a - \dot\omega \times r - \omega \times (\omega \times r)$.
 """
 
-import json
-from functools import lru_cache
-
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.model.equations.frame_and_point_kinematics import FrameKinematics, frame_kinematics
 from steelyard.robot.file.signals import BaseSignals
-from steelyard.robot.robot import BASE_COORDINATES, robot_from_dict
+from steelyard.robot.robot import BASE_COORDINATES
+from steelyard.runs.frames_of_contacts import kinematics_of
 
 STEEPEST = np.deg2rad(80.0)
 """Pitch beyond which roll and yaw do not tell an orientation well."""
@@ -151,7 +148,8 @@ def contact_efforts(base: BaseSignals, q: Array, pushes: Array, axes: Array | No
     r"""Efforts $\sum J^T F$ `(N, n)` of logged contacts, at positions `(N, n)`; in Nm and N."""
     efforts, first = np.zeros(q.shape), 0
     known = np.isfinite(q).all(axis=1) & np.isfinite(pushes).all(axis=1)
-    for contact, kinematics in zip(base.contacts, _frames_of(base), strict=True):
+    frames = tuple(contact.frame for contact in base.contacts)
+    for contact, kinematics in zip(base.contacts, kinematics_of(base, frames), strict=True):
         count = len(contact.columns)
         _, turn, jacobian = kinematics(q[known])
         if contact.in_world:
@@ -163,13 +161,3 @@ def contact_efforts(base: BaseSignals, q: Array, pushes: Array, axes: Array | No
         first += count
     efforts[~known] = np.nan
     return efforts
-
-
-def _frames_of(base: BaseSignals) -> tuple[FrameKinematics, ...]:
-    return _kinematics(json.dumps(base.tree), tuple(contact.frame for contact in base.contacts))
-
-
-@lru_cache(maxsize=16)
-def _kinematics(tree: str, frames: tuple[str, ...]) -> tuple[FrameKinematics, ...]:
-    robot = robot_from_dict(json.loads(tree))
-    return tuple(frame_kinematics(robot, frame) for frame in frames)

@@ -12,6 +12,7 @@ from math import ceil
 import numpy as np
 
 from steelyard.base.arrays import Array
+from steelyard.runs.contact_projection import margin_samples, with_margins
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import Recording
 from steelyard.runs.rows.bridged_rows_segments_and_quality import (
@@ -188,8 +189,9 @@ CONTEXT_PERIODS = 4.0
 class MotionPart:
     """Samples of a segment on the uniform clock, from the one with number `first` on.
 
-    Signals are `q, dq, ddq, effort`, shape `(4 n, N)`; weights say how much each effort counts,
-    shape `(n, N)`, `None` if all count alike; marks are the counts of `Marked` over the rows.
+    Signals are `q, dq, ddq, effort` and channels that say where contacts are, shape `(4 n + c, N)`;
+    weights say how much each effort counts, shape `(n, N)`, `None` if all count alike; marks are
+    the counts of `Marked` over the rows.
     """
 
     segment: Segment
@@ -293,12 +295,14 @@ class ToMotion:
     def __init__(self, chain: Chain, recording: Recording) -> None:
         p, rate, c = chain.processing, chain.rate, recording.channels
         self._flagged, self._channels = chain.flagged, c
+        self._base = recording.signals.base
+        self._rate = rate
         self._motion = p.motion.designed(chain.motion_cutoff, rate)
         self._effort: Bank | Designed = Designed(lambda efforts: efforts, 0)
         if p.effort is not None:
             self._effort = p.effort.smooth(p.effort_cutoff or chain.motion_cutoff, rate)
         spread = ceil(SATURATION_SPREAD * rate / chain.matched_cutoff) if chain.flagged else 0
-        halos = self._motion.halo, self._effort.halo, spread
+        halos = self._motion.halo, self._effort.halo, spread, margin_samples(self._base, rate)
         self.whole = None in halos
         self.halo = max(halo or 0 for halo in halos)
         self._spare = [self.halo - (halo or 0) for halo in halos]
@@ -313,7 +317,7 @@ class ToMotion:
         There are no weights if all efforts count alike.
         """
         c = self._channels
-        inner, measured, flags = (
+        inner, measured, flags, touched = (
             extended[:, spare : extended.shape[1] - spare] for spare in self._spare
         )
         signals = self._motion(inner[c.q], inner[c.dq] if c.velocities else None)
@@ -323,7 +327,10 @@ class ToMotion:
         weights = None
         if self._flagged:
             weights = _weights(np.abs(flags[c.count :]), self.halo - self._spare[2])
-        return np.concatenate((*signals, effort)), weights
+        touching = []
+        if self._base is not None and c.touches:
+            touching = [with_margins(self._base, touched[c.touched], self._rate)]
+        return np.concatenate((*signals, effort, *touching)), weights
 
 
 def _lanes(chain: Chain, recording: Recording) -> list[Lane]:
@@ -333,7 +340,8 @@ def _lanes(chain: Chain, recording: Recording) -> list[Lane]:
     joined: list[Lane] = []
     base = slice(0, c.base), 0.0 if s.base is None else s.base.delay
     motion = base, (c.encoders, 0.0), (c.dq, s.velocity_delay)
-    for channels, lag in (*motion, (c.effort, s.effort_delay), (c.pushed, 0.0)):
+    others = (c.effort, s.effort_delay), (c.pushed, 0.0), (c.touched, 0.0)
+    for channels, lag in (*motion, *others):
         if joined and joined[-1].lag == lag and channels.start < channels.stop:
             joined[-1] = Lane(slice(joined[-1].channels.start, channels.stop), kind, lag)
         elif channels.start < channels.stop:

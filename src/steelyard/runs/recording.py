@@ -16,6 +16,7 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError
 from steelyard.logs.log_and_errors import ROWS_OF_PART, Cut, Log, RowRange, require_columns
 from steelyard.robot.file.signals import Signals
+from steelyard.runs.contact_projection import channels_of_touches, touch_channels
 from steelyard.runs.floating_base import base_channels, contact_efforts
 from steelyard.runs.rows.resampling import put_together
 
@@ -128,18 +129,20 @@ def efforts_left_out(
 class Channels:
     """Order of the channels beside time: positions, velocities if logged, efforts, contacts.
 
-    Coordinates of a floating `base` come first; `contacts` are what these add to the efforts.
+    Coordinates of a floating `base` come first; `contacts` are what these add to the efforts;
+    `touches` channels say where there are others, see `steelyard.runs.contact_projection`.
     """
 
     joints: int
     velocities: bool
     base: int = 0
     contacts: bool = False
+    touches: int = 0
 
     @property
     def count(self) -> int:
-        """Number of channels, 2n to 4n."""
-        return (2 + self.velocities + self.contacts) * self.joints
+        """Number of channels, 2n to 4n, and those that say where contacts are."""
+        return (2 + self.velocities + self.contacts) * self.joints + self.touches
 
     @property
     def q(self) -> slice:
@@ -165,7 +168,12 @@ class Channels:
     @property
     def pushed(self) -> slice:
         """What contacts add to the efforts; empty if none is logged."""
-        return slice(self.effort.stop, self.count)
+        return slice(self.effort.stop, self.count - self.touches)
+
+    @property
+    def touched(self) -> slice:
+        """Where contacts are whose force is unknown; empty if there is none."""
+        return slice(self.count - self.touches, self.count)
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,7 +239,8 @@ class Recording:
         """Order of the channels in `raw`."""
         s = self.signals
         contacts = s.base is not None and bool(s.base.contacts)
-        return Channels(s.n, s.velocity is not None, s.n_base, contacts)
+        touches = 0 if s.base is None else channels_of_touches(s.base)
+        return Channels(s.n, s.velocity is not None, s.n_base, contacts, touches)
 
     def raw(self, rows: RowRange, size: int = ROWS_OF_PART) -> Iterator[tuple[Array, Array]]:
         """Time `(N,)` [s] and channels `(N, C)` in SI units of any rows, whatever the cut."""
@@ -245,24 +254,27 @@ class Recording:
         for part in self.log.parts(s.columns, rows, size):
             with np.errstate(over="ignore", invalid="ignore"):
                 t, logged = part[:, 0] * s.time_scale, put_together(part[:, 0], part[:, 1:])
-                logged, pushes, axes = self._of_base(logged)
+                logged, pushes, flags, axes = self._of_base(logged)
                 x = self._of_joints(np.insert(logged, absent, 0.0, axis=1) * scale)
                 for j in np.flatnonzero(~np.isnan(last)):
                     x[:, j], last[j] = continuous(x[:, j], float(last[j]))
                 if s.base is not None and s.base.contacts:
                     pushed = contact_efforts(s.base, x[:, self.channels.q], pushes, axes)
                     x = np.hstack([x, pushed / s.gains])
+                if s.base is not None and s.base.touches:
+                    x = np.hstack([x, touch_channels(s.base, flags, axes)])
             yield t, x
 
-    def _of_base(self, logged: Array) -> tuple[Array, Array, Array | None]:
-        """Columns with those of a floating base first; those of contacts; axes of the base."""
+    def _of_base(self, logged: Array) -> tuple[Array, Array, Array, Array | None]:
+        """Columns with those of a floating base first; forces and flags; axes of the base."""
         base = self.signals.base
         if base is None:
-            return logged, logged[:, :0], None
-        last = logged.shape[1] - len(base.pushes)
-        own, motion, pushes = np.split(logged, [last - len(base.motion), last], axis=1)
+            return logged, logged[:, :0], logged[:, :0], None
+        sizes = len(base.motion), len(base.pushes), len(base.flags)
+        first = logged.shape[1] - sum(sizes)
+        own, motion, pushes, flags = np.split(logged, np.cumsum([first, *sizes[:2]]), axis=1)
         channels, axes = base_channels(base, motion, str(self.log.path))
-        return np.hstack([channels, own]), pushes, axes
+        return np.hstack([channels, own]), pushes, flags, axes
 
     def _of_joints(self, logged: Array) -> Array:
         """Channels of the joints from those logged at motors, or from another zero."""

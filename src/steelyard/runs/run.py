@@ -12,6 +12,7 @@ from steelyard.base.motion import Motion
 from steelyard.model.equations.passive_joints import Follower
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot
+from steelyard.runs.contact_projection import Touching
 from steelyard.runs.first_pass_over_recording import Survey
 from steelyard.runs.floating_base import with_base_motion
 from steelyard.runs.mean_over_repetitions import Importance
@@ -40,12 +41,16 @@ class Block:
     # how much each sample of each effort counts, beside `moving`, shape `(n, B)`: 0 where the log
     # is not to be trusted; `None` if all count alike
     weights: Array | None = None
+    # which contacts of unknown force touch; `None` if there is none
+    touching: Touching | None = None
 
     def part(self, start: int, stop: int) -> "Block":
         """The samples from `start` to `stop`."""
         names = ("q", "dq", "ddq", "effort", "moving", "channels", "weights")
         given = {name: x for name in names if (x := getattr(self, name)) is not None}
         inside: Any = {name: np.ascontiguousarray(x[:, start:stop]) for name, x in given.items()}
+        if self.touching is not None:
+            inside["touching"] = self.touching.part(start, stop)
         return replace(self, t=self.t[start:stop], **inside)
 
     @classmethod
@@ -58,7 +63,15 @@ class Block:
         motion = {name: along(name) for name in ("t", "q", "dq", "ddq", "effort", "moving")}
         channels = None if blocks[0].channels is None else along("channels")
         weights = None if all(b.weights is None for b in blocks) else along("counted")
-        return cls(blocks[0].segment, **motion, channels=channels, weights=weights)
+        touching = [b.touching for b in blocks if b.touching is not None]
+        found = Touching.joined(touching) if touching else None
+        return cls(blocks[0].segment, **motion, channels=channels, weights=weights, touching=found)
+
+    def with_forces(self, predicted: Array) -> Array:
+        """Predicted efforts as logged, `(n, B)`, with contact forces that fit best, if unknown."""
+        if self.touching is None:
+            return predicted
+        return self.touching.with_forces(self.q, self.effort, predicted)
 
     @property
     def counted(self) -> Array:
@@ -181,9 +194,12 @@ class Run:
         """Some samples of a part."""
         values = np.ascontiguousarray(part.signals[:, inside])
         values.flags.writeable = False
-        q, dq, ddq, effort = values.reshape(4, n, -1)
+        q, dq, ddq, effort = values[: 4 * n].reshape(4, n, -1)
+        touching = None
         if (base := self.recording.signals.base) is not None:
             q, dq, ddq = with_base_motion(base, q, dq, ddq)
+            if base.touches:
+                touching = Touching.of(base, self.recording.signals.gains, values[4 * n :])
         first = part.first + inside.start
         t = part.segment.start + np.arange(first, first + values.shape[1]) / self.rate
         moving = np.abs(dq) >= self.rest_speed[:, None]
@@ -198,7 +214,8 @@ class Run:
             weights = own if weights is None else own * weights
         if out is not None:
             weights = np.where(out, 0.0, 1.0 if weights is None else weights)
-        return Block(part.segment.number, t, q, dq, ddq, effort, moving, weights=weights)
+        number = part.segment.number
+        return Block(number, t, q, dq, ddq, effort, moving, weights=weights, touching=touching)
 
     def _parts(self, ranges: Mapping[int, tuple[int, int]]) -> Iterator[MotionPart]:
         """Parts of all segments; of those that are kept, only what has samples in the ranges."""

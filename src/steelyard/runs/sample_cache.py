@@ -42,7 +42,8 @@ class Source:
     @property
     def size(self) -> int:
         """Number of values, weights of flagged efforts included."""
-        rows = (5 if self.chain.flagged else 4) * self.recording.channels.joints
+        channels = self.recording.channels
+        rows = (5 if self.chain.flagged else 4) * channels.joints + channels.touches
         return rows * sum(segment.samples for segment in self.segments)
 
 

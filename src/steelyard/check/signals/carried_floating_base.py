@@ -14,12 +14,12 @@ CARRIED = 0.33  # part, or multiple, of what mass and acceleration ask for that 
 def refuse_uncarried(runs: Sequence[Run], robot: Robot) -> None:
     """A `LogError` where contacts carry far less or more than the robot's mass is accelerated by.
 
-    The mass of the model file counts; nothing is compared without one, or with unknown wrenches.
+    The mass of the model file counts; nothing is compared without one, or with unknown forces.
     """
     mass = sum(body.inertia.mass for body in robot.bodies)
     for run in runs:
         base = run.recording.signals.base
-        if base is None or not base.wrench_known or mass <= 0.0:
+        if base is None or not base.wrench_known or base.touches or mass <= 0.0:
             continue
         count, forces, accelerations = 0, 0.0, 0.0
         for block in run.blocks():

@@ -347,13 +347,23 @@ def symbols(robot: Robot, base: BaseMap) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Layout:
-    """Which columns each effort row sees; the measured effort is the last of each row."""
+    """Which columns each effort row sees; the measured effort is the last of each row.
+
+    With `mixed` rows are combinations of all rows of a sample, such as those without the unknown
+    forces of contacts: errors of one row are in others too.
+    """
 
     columns: tuple[str, ...]
     units: tuple[str, ...]
     rows: tuple[str, ...]
     # per row the indices of the columns that can be nonzero in it, ascending
     sees: tuple[tuple[int, ...], ...]
+    mixed: bool = False
+
+    def mixing(self) -> "Layout":
+        """The same columns, all of which every row sees."""
+        every = tuple(range(len(self.columns)))
+        return replace(self, sees=(every,) * len(self.rows), mixed=True)
 
     @cached_property
     def widths(self) -> tuple[int, ...]:

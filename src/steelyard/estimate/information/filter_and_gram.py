@@ -1,7 +1,8 @@
 """The parallel low-pass of a regression, and Gram matrices of stretches of samples behind it.
 
 Filtering both sides of `effort = columns · parameters` alike leaves the parameters what they are
-and removes the noise above the motion's band.
+and removes the noise above the motion's band. Where contacts touch whose forces are unknown, both
+sides are first multiplied by a matrix that takes these forces out of a sample's rows.
 """
 
 from collections.abc import Iterator
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array, frozen
 from steelyard.estimate.information.base_parameters_and_regressor import Layout, Regressor
 from steelyard.model.compiled_quantity import check_angles
+from steelyard.runs.contact_projection import Touching
 from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import kaiser_lowpass
 from steelyard.symbolic.native.compiled_programs import FIR_OUTPUTS, TILE_COLUMNS, TILE_ROWS, loops
 
@@ -101,6 +103,7 @@ MOVING = 0.1
 """Filtered weight above which a filtered sample counts: only a rest as long as the filter is left
 out, a reversal of the motion is not a rest."""
 
+LEAST_WORTH = 0.02  # part of a row that is left without contact forces from which on it counts
 RESTING = 0.02  # share of left out samples from which on a filtered sample is beside rests
 PADDING = 8  # extra samples per row, so that rows do not start a power of two apart
 
@@ -118,6 +121,9 @@ class Stretch:
     # inverse of the variances $1 / w$ behind the filter
     weights: Array | None = None
     channels: Array | None = None  # `(n_channels, N)`, see `model.Scan`; without channels if `None`
+    # contacts of unknown force, which the rows are made without. Samples of weight 0 then are in no
+    # filtered sample, and others count alike
+    touching: Touching | None = None
 
     def __post_init__(self) -> None:
         if self.channels is None:
@@ -131,6 +137,13 @@ class Stretch:
         if not all(x.shape == self.q.shape for x in like):
             raise ValueError("q, dq, ddq and effort differ in shape")
         check_angles(self.q)
+
+    def projection(self) -> Array | None:
+        """What takes contacts of unknown force out of its rows, `(N, n, n)`, if there are any."""
+        if self.touching is None:
+            return None
+        counted = None if self.weights is None else self.weights > 0.0
+        return self.touching.projection(self.q, counted)
 
     @property
     def inputs(self) -> tuple[Array, ...]:
@@ -161,11 +174,17 @@ class Accumulator:
 
     regressor: Regressor
     matched: ParallelFilter = ParallelFilter.design(1.0, 1.0)  # every sample unchanged
+    mixed: bool = False  # whether rows are made without the forces of contacts
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Which columns the rows see."""
+        return self.regressor.layout.mixing() if self.mixed else self.regressor.layout
 
     @property
     def width(self) -> int:
         """Columns of all rows, efforts included."""
-        return sum(self.regressor.layout.widths)
+        return sum(self.layout.widths)
 
     @cached_property
     def taps(self) -> Array:
@@ -184,7 +203,13 @@ class Accumulator:
 
     def __call__(self, stretch: Stretch) -> Sums:
         """Sums over one stretch: kernel, filter, weights and Gram, a native call each per block."""
-        work = _Workspace(self, sum(self._steps))
+        work, projection = _Workspace(self, sum(self._steps)), stretch.projection()
+        if projection is not None:
+            worth = self._worth(projection)
+            for first, count, block in self._blocks(stretch, work, projection):
+                work.add(block, count)
+                work.counts += worth[:, first : first + count].sum(axis=1) - count
+            return work.result()
         weights, beside = self._weights(stretch), self._beside(stretch)
         for first, count, block in self._blocks(stretch, work):
             part = slice(first, first + count)
@@ -195,12 +220,29 @@ class Accumulator:
         return work.result()
 
     def rows(self, stretch: Stretch) -> tuple[Array, Array]:
-        """Filtered samples `(width, outputs)`, see `Layout.starts`, and weights `(n, outputs)`."""
-        n_outputs, weights = self.outputs(stretch.q.shape[1]), self._weights(stretch)
-        result = np.empty((self.width, n_outputs))
-        for first, count, block in self._blocks(stretch, _Workspace(self, sum(self._steps))):
+        """Filtered samples `(width, outputs)`, see `Layout.starts`, and weights `(n, outputs)`.
+
+        Rows without the forces of contacts have errors as large as others; what is left of them is
+        their weight.
+        """
+        n_outputs, projection = self.outputs(stretch.q.shape[1]), stretch.projection()
+        result, work = np.empty((self.width, n_outputs)), _Workspace(self, sum(self._steps))
+        for first, count, block in self._blocks(stretch, work, projection):
             result[:, first : first + count] = block[: self.width, :count]
+        if projection is not None:
+            worth = self._worth(projection)
+            worth = np.where(worth > LEAST_WORTH, worth, 0.0)
+            roots = np.sqrt(np.divide(1.0, worth, out=np.zeros(worth.shape), where=worth > 0.0))
+            return result * np.repeat(roots, self.layout.widths, axis=0), worth
+        weights = self._weights(stretch)
         return result, np.ones((len(stretch.q), n_outputs)) if weights is None else weights
+
+    def _worth(self, projection: Array) -> Array:
+        """How much of each row is left behind a projection `(N, n, n)`, shape `(n, outputs)`."""
+        left, shares = np.diagonal(projection, axis1=1, axis2=2).T, np.square(self.matched.taps)
+        if not self.outputs(len(projection)):
+            return np.zeros((len(left), 0))
+        return self._over_taps(np.ascontiguousarray(left), shares / shares.sum())
 
     @property
     def block(self) -> int:
@@ -214,7 +256,9 @@ class Accumulator:
         step = lcm(decimation, lanes)
         return -(-self.halo // lanes) * lanes, step * max(1, self.block // step)
 
-    def _blocks(self, stretch: Stretch, work: "_Workspace") -> Iterator[tuple[int, int, Array]]:
+    def _blocks(
+        self, stretch: Stretch, work: "_Workspace", projection: Array | None = None
+    ) -> Iterator[tuple[int, int, Array]]:
         """First filtered sample, how many there are, and their rows, which may be written to."""
         history, step = self._steps
         n_outputs, per_step = self.outputs(stretch.q.shape[1]), step // self.matched.decimation
@@ -222,7 +266,7 @@ class Accumulator:
         for first in range(0, n_outputs, per_step):
             count = min(per_step, n_outputs - first)
             start = first * self.matched.decimation + known
-            work.evaluate(stretch, start, history + step - known, known)
+            work.evaluate(stretch, start, history + step - known, known, projection)
             yield first, count, work.filtered(count)
             work.y[:, :history] = work.y[:, step : step + history]
             known = history
@@ -271,15 +315,20 @@ class _Workspace:
         self.y = np.zeros((rows, -(-(samples + spare) // lanes) * lanes + PADDING))
         outputs = samples // decimation + FIR_OUTPUTS + lanes
         self.z = np.zeros((rows, -(-outputs // lanes) * lanes + PADDING))
-        self.tiling = Tiling.of(accumulator.regressor.layout)
+        self.tiling = Tiling.of(accumulator.layout)
+        self.unmixed = np.zeros((0, 0))
+        if accumulator.mixed:
+            self.unmixed = np.zeros((sum(accumulator.regressor.layout.widths), self.y.shape[1]))
         self.sums = np.zeros((len(self.tiling.firsts), TILE_ROWS * TILE_COLUMNS, lanes))
         self.beside = np.zeros_like(self.sums)
         self.absolute = np.zeros((accumulator.width, lanes))
-        self.counts = np.zeros(len(accumulator.regressor.layout.rows))
+        self.counts = np.zeros(len(accumulator.layout.rows))
 
-    def evaluate(self, stretch: Stretch, start: int, count: int, column: int) -> None:
+    def evaluate(
+        self, stretch: Stretch, start: int, count: int, column: int, projection: Array | None
+    ) -> None:
         """Write rows of samples `start...` into the buffer from `column` on."""
-        code = self.accumulator.regressor.code
+        code, y = self.accumulator.regressor.code, self.y if projection is None else self.unmixed
         count = min(count, stretch.q.shape[1] - start)
         if count <= 0:
             return
@@ -290,11 +339,27 @@ class _Workspace:
                 for x in stretch.inputs
                 for number in (x.ctypes.data + 8 * start, x.strides[0] // 8)
             )
-            code.raw(whole, *addresses, self.y.ctypes.data + 8 * column, self.y.shape[1])
+            code.raw(whole, *addresses, y.ctypes.data + 8 * column, y.shape[1])
         if whole < count:
             part = slice(start + whole, start + count)
             values = code([x[:, part] for x in stretch.inputs])
-            self.y[: values.shape[0], column + whole : column + count] = values
+            y[: values.shape[0], column + whole : column + count] = values
+        if projection is not None and stretch.touching is not None:
+            part, gains = projection[start : start + count], stretch.touching.gains
+            self.mix(part, gains, slice(column, column + count))
+
+    def mix(self, projection: Array, gains: Array, at: slice) -> None:
+        """Rows of some samples multiplied by a matrix each, `(count, n, n)`, of joints' efforts."""
+        layout, n = self.accumulator.regressor.layout, len(gains)
+        columns = len(layout.columns)
+        dense = np.zeros((len(projection), n, columns + 1))
+        for row, (start, seen) in enumerate(zip(layout.starts, layout.sees, strict=True)):
+            values = self.unmixed[start : start + len(seen) + 1, at].T
+            dense[:, row, list(seen)] = values[:, :-1]
+            dense[:, row, -1] = gains[row] * values[:, -1]
+        mixed = projection @ dense
+        mixed[:, :, -1] /= gains
+        self.y[: n * (columns + 1), at] = mixed.reshape(len(projection), -1).T
 
     def filtered(self, count: int) -> Array:
         """The first `count` filtered samples of the buffer; itself where all pass unchanged."""
@@ -317,7 +382,7 @@ class _Workspace:
 
     def weigh(self, block: Array, weights: Array) -> None:
         """Multiply rows by the roots of their weights, shape `(n, count)`."""
-        roots = np.repeat(np.sqrt(weights), self.accumulator.regressor.layout.widths, axis=0)
+        roots = np.repeat(np.sqrt(weights), self.accumulator.layout.widths, axis=0)
         block[: len(roots), : weights.shape[1]] *= roots
 
     def add_grams(self, block: Array, count: int, sums: Array) -> None:

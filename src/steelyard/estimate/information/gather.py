@@ -99,7 +99,8 @@ def start_pass(
             "[...] in [signals.effort]",
         )
     matched = ParallelFilter.design(run.matched_cutoff, run.rate)
-    accumulator = Accumulator(regressor, matched)
+    base = signals.base
+    accumulator = Accumulator(regressor, matched, base is not None and bool(base.touches))
     # samples before the start is forgotten do not count; nor do rests, unless they are wanted
     blocks = blocks_with_channels(
         run.blocks(), regressor.model, lambda block, warm: warm if rests else block.moving & warm
@@ -158,7 +159,8 @@ def cut_pieces(
                 if part.weights is not None:
                     weights = part.weights if weights is None else part.weights * weights
                 stop = float(part.t[min(length, len(part.t)) - 1])
-                stretch = Stretch(part.q, part.dq, part.ddq, part.effort, weights, part.channels)
+                motion = part.q, part.dq, part.ddq
+                stretch = Stretch(*motion, part.effort, weights, part.channels, part.touching)
                 yield Window(name, float(part.t[0]), stop), stretch
                 start += length
             buffered = [] if ended else [joined.part(start, size)]
@@ -195,7 +197,7 @@ def accumulate(
                 first += second
             sums = [*sums[:-1:2], sums[-1]]
             size *= 2
-    layout, beside = accumulator.regressor.layout, [x.beside for x in sums]
+    layout, beside = accumulator.layout, [x.beside for x in sums]
     return Information(
         layout,
         signature,

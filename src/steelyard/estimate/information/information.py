@@ -55,7 +55,8 @@ class Information:
         grams: Lower triangles of all rows' Gram matrices one after another, shape `(w, size)`.
         absolute: Sums of |column| and |effort| of all rows, shape `(w, width)`.
         counts: Samples per window and row, shape `(w, rows)`; behind a filter, which makes
-            neighbours alike, as many as there are independent ones.
+            neighbours alike, as many as there are independent ones; of rows without the forces of
+            contacts, as much as is left of them.
         beside: Of `grams`, the part of samples beside rests, see `Sums`; `None` if there are none.
 
     Example:
@@ -241,7 +242,9 @@ class Information:
             part[:-1, -1] = 0.0 if given is None else -given[list(old)]
             part[-1, -1] = 1.0
             parts.append(part)
-        return self.mapped(Layout(tuple(names), tuple(units), self.layout.rows, sees), parts)
+        return self.mapped(
+            Layout(tuple(names), tuple(units), self.layout.rows, sees, self.layout.mixed), parts
+        )
 
     def mapped(self, layout: Layout, parts: Sequence[Array]) -> "Information":
         """The same data in a layout; `parts` `(old + 1, new + 1)` map columns and effort."""
@@ -281,7 +284,7 @@ class Information:
             part[:k, k], part[:k, k + 1] = mine, added[row] * mine
             part[k, k + 1] = 1.0
             parts.append(part)
-        return self.mapped(Layout(columns, units, old.rows, sees), parts)
+        return self.mapped(Layout(columns, units, old.rows, sees, old.mixed), parts)
 
     def with_effective_samples(self, factor: float) -> "Information":
         """The same data counted as so many times fewer samples: all sums divided by `factor`."""

@@ -135,13 +135,16 @@ class FilteredSamples:
         """
         given = [np.ones(len(w)) for w in self.weights] if weights is None else weights
         total = [w * g for w, g in zip(self.weights, given, strict=True)]
+        worth = [np.ones(len(w)) for w in self.weights]
+        if self.layout.mixed:
+            worth = list(self.weights)
         windows, sums = [], []
         for number, source in enumerate(self.sources):
             order = np.flatnonzero(self.source == number)
             order = order[np.argsort(self.t[order], kind="stable")]
             for part in filter(len, np.array_split(order, WINDOWS)):
                 windows.append(Window(source.run, float(self.t[part[0]]), float(self.t[part[-1]])))
-                sums.append(self._sums(source.share, part, total))
+                sums.append(self._sums(source.share, part, total, worth))
         grams, absolute, counts = zip(*sums, strict=True) if sums else ((), (), ())
         return Information(
             self.layout,
@@ -153,18 +156,21 @@ class FilteredSamples:
         )
 
     def _sums(
-        self, share: float, instants: Index, weights: Sequence[Array]
+        self, share: float, instants: Index, weights: Sequence[Array], worth: Sequence[Array]
     ) -> tuple[Array, Array, Array]:
-        """Packed Gram matrices, sums of |value| and counts of some instants of a run."""
+        """Packed Gram matrices, sums of |value| and counts of some instants of a run.
+
+        A sample of a weight counts as what it is worth, `(N_j,)`.
+        """
         mine = np.zeros(len(self), dtype=np.bool_)
         mine[instants] = True
         grams, absolute, counts = [], [], []
-        for row, weight, at in zip(self.rows, weights, self.at, strict=True):
+        for row, weight, one, at in zip(self.rows, weights, worth, self.at, strict=True):
             here = mine[at]
             part = row[here] * np.sqrt(weight[here])[:, None]
             grams.append(share * packed(part.T @ part))
             absolute.append(share * np.abs(part).sum(axis=0))
-            counts.append(share * np.count_nonzero(weight[here]))
+            counts.append(share * float(one[here][weight[here] > 0.0].sum()))
         return np.concatenate(grams), np.concatenate(absolute), np.array(counts)
 
 
@@ -192,7 +198,7 @@ def gather_samples(
     """
     wanted = regressor.model.has_memory if rests is None else rests
     accumulator, pieces, signature = start_pass(regressor, run, wanted)
-    layout, n = regressor.layout, len(regressor.layout.rows)
+    layout, n = accumulator.layout, len(regressor.layout.rows)
     kept = _Kept(max(1, most), n)
     for piece, found in in_order(accumulator.rows, pieces, threads):
         kept.add(_instants(accumulator, piece, run.rate, *found))

@@ -32,6 +32,8 @@ does, and the motion in the lower: 0.2 to 0.6 on simulated arms. Chance must not
 so it then counts with one standard deviation of its own more, and with one at most. Weights of
 estimates count it with one at least.
 
+Rows that are combinations of all rows of a sample share errors; one factor counts for all of them.
+
 What changes from run to run (another day, a motion that the model describes less well) scatters
 between runs more than between windows. With several runs, the larger of the two factors counts:
 that of windows, and that of whole runs.
@@ -136,8 +138,10 @@ def _over_runs(fit: Fit) -> Array:
 
 def _scatter(fit: Fit, most: int) -> Array:
     r"""$\varphi_j$ of scores in at most so many windows per run, shape `(rows,)`."""
-    found, expected, squares = np.zeros((3, len(fit.variances)))
-    for own, row, columns, grams, scores in scores_of_windows(fit, most):
+    mixed = fit.data.whole.layout.mixed
+    found, expected, squares = np.zeros((3, 1 if mixed else len(fit.variances)))
+    windows = scores_of_windows(fit, most)
+    for own, row, columns, grams, scores in _mixed(windows) if mixed else windows:
         known, inverse = own.joined(fit.solution.kept, fit.solution.inverse)
         place = {column: k for k, column in enumerate(known)}
         mine = [place[column] for column in columns]
@@ -151,7 +155,25 @@ def _scatter(fit: Fit, most: int) -> Array:
     expected = np.where(enough, expected, 1.0)
     factors, chance = found / expected, np.sqrt(2.0 * squares) / expected
     low = np.minimum(factors * (1.0 + chance), 1.0)
-    return np.where(enough, np.where(factors < 1.0, low, factors), 1.0)
+    factors = np.where(enough, np.where(factors < 1.0, low, factors), 1.0)
+    return np.asarray(np.broadcast_to(factors, len(fit.variances)))
+
+
+Scores = tuple[Eliminated, int, list[int], Array, Array]
+
+
+def _mixed(windows: Iterator[Scores]) -> Iterator[Scores]:
+    """Sums over the rows of each run, which share errors; all of them see the same columns."""
+    found: Scores | None = None
+    for own, row, columns, grams, scores in windows:
+        if found is not None and row == 0:
+            yield found
+            found = None
+        if found is not None:
+            grams, scores = found[3] + grams, found[4] + scores
+        found = own, 0, columns, grams, scores
+    if found is not None:
+        yield found
 
 
 def covariances(
@@ -216,9 +238,7 @@ def note_of(rows: Sequence[str], factors: Array) -> tuple[str, ...]:
     )
 
 
-def scores_of_windows(
-    fit: Fit, most: int
-) -> Iterator[tuple[Eliminated, int, list[int], Array, Array]]:
+def scores_of_windows(fit: Fit, most: int) -> Iterator[Scores]:
     """Per run and row, in at most so many windows of the run: the columns that have a value there.
 
     With the Gram matrices of these in every window, and their products with the residuals, both

@@ -128,7 +128,7 @@ def joined(
     for seen in first.layout.sees:
         touched = [np.any(transform[list(seen)] != 0.0, axis=0) for _, transform in parts]
         sees.append(tuple(np.flatnonzero(np.any(touched, axis=0)).tolist()))
-    layout = Layout(tuple(names), tuple(units), first.layout.rows, tuple(sees))
+    layout = Layout(tuple(names), tuple(units), first.layout.rows, tuple(sees), first.layout.mixed)
     found = []
     for information, transform in parts:
         if not information.windows:

@@ -117,7 +117,11 @@ def residual_blocks(
         if block.t[0] - start > LONGEST:
             return
         predicted = valued.block(block.q, block.dq, block.ddq, block.channels)
-        yield block, predicted, gains[:, None] * block.effort - predicted
+        residual = gains[:, None] * block.effort - predicted
+        if block.touching is not None:
+            whole = block.with_forces(predicted / gains[:, None])
+            residual = gains[:, None] * (block.effort - whole)
+        yield block, predicted, residual
 
 
 def noise_floor(signals: Array, rate: float, cutoff: float) -> Array:
@@ -222,6 +226,9 @@ def residual_trace(
             predicted[FRICTION] *= block.moving | identified.model.has_memory
             measured = gains * block.effort
             residual = measured - predicted.sum(axis=0)
+            if block.touching is not None:
+                whole = block.with_forces(predicted.sum(axis=0) / gains)
+                residual = measured - gains * whole
             sliding = predicted[FRICTION] * block.moving
             kept = np.stack([residual, measured, predicted[GRAVITY], sliding])
             parts.append((block.t, kept, block.dq))

@@ -2,7 +2,8 @@
 
 Per joint `100 ‖measured - predicted‖ / ‖measured‖`, from first to last motion, both sides through
 one zero-phase fourth-order Butterworth low-pass; once over all samples, once over those where the
-joint moves by the log alone, whatever rest speed the model was fitted with.
+joint moves by the log alone, whatever rest speed the model was fitted with. Where contacts touch
+whose forces are unknown, predicted efforts have those that fit best: errors are what is left.
 """
 
 from collections.abc import Iterator, Sequence
@@ -148,8 +149,10 @@ def score(
             sure = np.stack([part.std / size, np.abs(part.dq), half / size])
         thinned.add(part.t, part.moving, *part.efforts[:2], sure)
         if split is not None:
-            causes = part.efforts[-len(PARTS) :]
-            kept.add(part.t, part.moving, part.q, part.dq, part.efforts[0], causes)
+            causes, measured = part.efforts[-len(PARTS) :], part.efforts[0]
+            if run.recording.channels.touches:  # without the forces of contacts
+                measured = measured - part.efforts[1] + causes.sum(axis=0)
+            kept.add(part.t, part.moving, part.q, part.dq, measured, causes)
     if not squares.samples:
         raise no_closed_sample(valued, run)
     parts: TorqueParts | None = None
@@ -249,7 +252,8 @@ def low_passed(
     def rows(block: Block) -> Array:
         efforts = [m.block(block.q, block.dq, block.ddq, block.channels) for m in models]
         causes: Array | list[Array] = [] if split is None else split.block(block)
-        predicted = [one / gains[:, None] for one in (*efforts, *causes)]
+        predicted = [block.with_forces(one / gains[:, None]) for one in efforts]
+        predicted += [one / gains[:, None] for one in causes]
         columns = [] if bands is None else [bands.columns(block)]
         plain = (block.t[None], block.moving, block.q, block.dq, block.effort)
         return np.concatenate([*plain, *predicted, *columns])

@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from steelyard.robot.file.toml_schema import Many, Name, Names, Section, Vector, key
+from steelyard.robot.file.toml_schema import Many, Name, Names, NonNegative, Section, Vector, key
 
 OrientationKind = Literal["wxyz", "xyzw", "rpy_rad", "rpy_deg", "matrix"]
 ContactAxes = Literal["frame", "world"]
@@ -19,15 +19,36 @@ class SensorMountingSection(Section):
 
 
 class ContactSection(Section):
-    """A measured wrench of the world on the robot, at the origin of a link's frame."""
+    """Where the world touches the robot: a measured wrench, or a column that says whether it does.
+
+    A wrench is at the origin of the link's frame; of a contact with `touching`, forces are unknown.
+    """
 
     frame: Name = key(..., "Link that it acts on, also one that is fixed to another.")
-    force: Name | Names = key(..., "Columns of the force, or one name with `{}` for x, y, z [N].")
+    force: Name | Names | None = key(
+        None, "Columns of the force, or one name with `{}` for x, y, z [N]."
+    )
     moment: Name | Names | None = key(
         None, "Columns of the moment about the frame's origin [Nm]; none if left out: a point."
     )
     axes: ContactAxes = key(
         "frame", "Whose axes it is along: those of the `frame`, or of the `world`."
+    )
+    touching: Name | None = key(
+        None,
+        "Instead of `force`: column of a flag, or of the size of a force, that is above the "
+        "`threshold` while it touches.",
+    )
+    threshold: float = key(0.5, "Value of `touching` above which it touches, in its unit.")
+    sole: bool = key(False, "Whether it also takes moments, as a foot with a sole does.")
+    position: Vector = key((0.0, 0.0, 0.0), "The point that touches, in the link's frame [m].")
+    radius: NonNegative = key(
+        0.0,
+        "Radius of a ball about `position`: the point that touches is below [m]. It needs "
+        "`orientation`.",
+    )
+    margin: NonNegative = key(
+        0.02, "Time before and after `touching` during which it may touch as well [s]."
     )
 
 
@@ -68,4 +89,4 @@ class BaseSection(Section):
         "What acts on the base beside `contacts`: `none`; or `unknown`, as of a hoist: the six "
         "rows of the base are then left out.",
     )
-    contacts: Many[ContactSection] = key((), "Measured contacts.")
+    contacts: Many[ContactSection] = key((), "Contacts, measured or with flags.")

@@ -10,7 +10,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError, refuse_unknown
-from steelyard.robot.file.signals import BaseSignals, Contact, Signals
+from steelyard.robot.file.signals import BaseSignals, Contact, Signals, Touch
 from steelyard.robot.inertia_and_placement import Inertia, rpy_rotation
 from steelyard.robot.robot import BASE_COORDINATES, Robot, robot_to_dict
 
@@ -43,7 +43,8 @@ def build_base_signals(section: BaseSection, robot: Robot, locate: Locate) -> Ba
             ("orientation", section.orientation, PARTS[section.orientation_kind]),
         )
     }
-    contacts = tuple(_contact(section, k, robot, locate) for k in range(len(section.contacts)))
+    each = [_contact(section, k, robot, locate) for k in range(len(section.contacts))]
+    contacts = tuple(one for one in each if isinstance(one, Contact))
     axes, place = _mounting(section, robot, locate)
     in_g = section.acceleration_unit == "g"
     tracked = section.position is not None
@@ -61,7 +62,8 @@ def build_base_signals(section: BaseSection, robot: Robot, locate: Locate) -> Ba
         delay=section.delay,
         wrench_known=section.wrench == "none",
         contacts=contacts,
-        tree=_without_inertias(robot) if contacts else {},
+        tree=_without_inertias(robot) if each else {},
+        touches=tuple(one for one in each if isinstance(one, Touch)),
     )
 
 
@@ -83,6 +85,9 @@ def _check_given(section: BaseSection, where: str) -> None:
     elif section.frame is not None and section.mounting is not None:
         wrong = "the sensor of the base has a frame and a mounting"
         fix = "keep one of them"
+    elif section.orientation is None and any(c.radius > 0.0 for c in section.contacts):
+        wrong = "a contact has a radius, but the base has no orientation, which says what is below"
+        fix = "add orientation = [...], or leave radius out and give the position that touches"
     elif section.orientation is None and any(c.axes == "world" for c in section.contacts):
         wrong = "a contact is given along the axes of the world, but the base has no orientation"
         fix = 'add orientation = [...], or give the contact along the axes of its frame: "frame"'
@@ -104,16 +109,38 @@ def _columns(given: Any, parts: tuple[str, ...], where: str) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _contact(section: BaseSection, number: int, robot: Robot, locate: Locate) -> Contact:
+def _contact(section: BaseSection, number: int, robot: Robot, locate: Locate) -> Contact | Touch:
     given, key = section.contacts[number], ("signals", "base", "contacts", number)
     names = [frame.name for frame in robot.frames]
     wrong = f"the robot has no link '{given.frame}'"
     refuse_unknown(given.frame, names, wrong, locate(*key, "frame"), "links")
+    measured = [name for name in _OF_WRENCH if name in given.model_fields_set]
+    flagged = [name for name in _OF_TOUCH if name in given.model_fields_set]
+    if (given.force is None) == (given.touching is None) or (measured and flagged):
+        both = f", with {measured[0]} and {flagged[0]}" if measured and flagged else ""
+        raise ModelError(
+            f"the contact at '{given.frame}' has a force or a flag, one of them{both}",
+            where=locate(*key),
+            fix='give force = "..." (and moment, axes) where it is measured, or touching = "..." '
+            f"(and {', '.join(_OF_TOUCH[1:])}) where only contact is known",
+        )
+    if given.touching is not None:
+        if given.sole and given.radius > 0.0:
+            raise ModelError(
+                f"the contact at '{given.frame}' is a sole and a ball",
+                where=locate(*key),
+                fix="give sole = true, or radius, not both",
+            )
+        place = tuple(given.position)
+        of_point = (given.sole, place, given.radius, given.margin)
+        return Touch(given.frame, given.touching, given.threshold, *of_point)
     columns = [_columns(getattr(given, x), tuple("xyz"), locate(*key, x)) for x in _WRENCH]
     return Contact(given.frame, (*columns[0], *columns[1]), given.axes == "world")
 
 
 _WRENCH = ("force", "moment")
+_OF_WRENCH = (*_WRENCH, "axes")
+_OF_TOUCH = ("touching", "threshold", "sole", "position", "radius", "margin")
 
 
 def _mounting(section: BaseSection, robot: Robot, locate: Locate) -> tuple[Array, Array]:
@@ -146,11 +173,12 @@ def with_base(signals: Signals, base: BaseSignals, locate: Locate) -> Signals:
             where=locate("signals"),
             fix="remove target, commanded_position and commanded_velocity: nobody commands a base",
         )
-    if base.contacts and any(signals.unknown_gains):
+    if (base.contacts or base.touches) and any(signals.unknown_gains):
         raise ModelError(
-            "gains are to be identified beside measured contacts",
+            "gains are to be identified beside contacts",
             where=locate("signals", "effort", "gain"),
-            fix="give the gains: the forces of contacts are in N, and so must be the efforts",
+            fix="give the gains: contacts push base and joints, whose efforts must have one scale, "
+            "in N and Nm",
         )
     names, n = tuple(c.name for c in BASE_COORDINATES), len(BASE_COORDINATES)
     ones, none, known = np.ones(n), np.zeros(n), (False,) * n

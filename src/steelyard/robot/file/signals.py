@@ -41,6 +41,7 @@ NOT_OF_SAMPLES = {
     "commanded_position",
     "commanded_velocity",
     "commanded_velocity_scale",
+    "base",
 }
 """Fields of `Signals` that say nothing of how samples are read, but what they mean."""
 
@@ -58,6 +59,23 @@ class Contact:
 
 
 @dataclass(frozen=True)
+class Touch:
+    """A contact without a measured force, and the column that is above a threshold where it is.
+
+    Forces act at a `place` in the frame of a link `(3,)` [m], or below it on a ball of `radius`
+    [m]; moments as well on a `sole`. It may touch a `margin` [s] before and after.
+    """
+
+    frame: str
+    column: str
+    threshold: float
+    sole: bool
+    place: tuple[float, ...]
+    radius: float
+    margin: float
+
+
+@dataclass(frozen=True)
 class BaseSignals:
     """Columns of a floating base and how to read them.
 
@@ -66,6 +84,9 @@ class BaseSignals:
     per logged unit. A point of the sensor is at `axes @ p + place` in the base link's frame,
     `(9,)` row by row and `(3,)` [m]; `gravity` `(3,)` [m/s²] is in the world. With an unknown
     `wrench` on the base its rows do not count. The `tree` has what places of contacts depend on.
+
+    Where `touches` are, contact forces are unknown; `spread` are the standard deviations of the
+    efforts' errors `(n,)` [Nm; N] by which rows without these forces are made, all 1 if empty.
     """
 
     translation: tuple[str, ...]
@@ -82,6 +103,8 @@ class BaseSignals:
     wrench_known: bool
     contacts: tuple[Contact, ...]
     tree: Mapping[str, Any]
+    touches: tuple[Touch, ...] = ()
+    spread: tuple[float, ...] = ()
 
     @property
     def motion(self) -> tuple[str, ...]:
@@ -93,6 +116,16 @@ class BaseSignals:
         """Columns of its contacts."""
         return tuple(name for contact in self.contacts for name in contact.columns)
 
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """Columns that say whether contacts touch."""
+        return tuple(touch.column for touch in self.touches)
+
+    @property
+    def rolls(self) -> bool:
+        """Whether what touches depends on where up is."""
+        return any(touch.radius > 0.0 for touch in self.touches)
+
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> BaseSignals:
         """The signals of `json_values`; `KeyError`, `ValueError` or `TypeError` if damaged."""
@@ -100,7 +133,8 @@ class BaseSignals:
             name: tuple(x) if isinstance(x, list) else x for name, x in data.items()
         }
         contacts = (Contact(**{**c, "columns": tuple(c["columns"])}) for c in data["contacts"])
-        return cls(**{**values, "contacts": tuple(contacts)})
+        touches = (Touch(**{**c, "place": tuple(c["place"])}) for c in data.get("touches", ()))
+        return cls(**{**values, "contacts": tuple(contacts), "touches": tuple(touches)})
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +206,8 @@ class Signals:
         if self.base is None:
             return (self.time, *self.position, *(self.velocity or ()), *measured)
         joints = self.position[self.n_base :]
-        return (self.time, *joints, *measured, *self.base.motion, *self.base.pushes)
+        base = self.base
+        return (self.time, *joints, *measured, *base.motion, *base.pushes, *base.flags)
 
     @property
     def delays(self) -> tuple[float, ...]:
@@ -188,7 +223,10 @@ class Signals:
     def reads_alike(self, other: Signals) -> bool:
         """Whether both make the same samples of a log: gains and commanded columns do not count."""
         names = {field.name for field in fields(self)} - NOT_OF_SAMPLES
-        return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
+        if not all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names):
+            return False
+        bases = [base and replace(base, spread=()) for base in (self.base, other.base)]
+        return bases[0] == bases[1]
 
     @property
     def time_units(self) -> Mapping[str, float]:

@@ -22,6 +22,7 @@ __all__ = ["tomllib"]
 Item = TypeVar("Item")
 Many = Annotated[tuple[Item, ...], Field(strict=False)]  # any number of items of one kind
 Positive = Annotated[float, Field(gt=0.0)]
+NonNegative = Annotated[float, Field(ge=0.0)]
 Name = Annotated[str, Field(min_length=1)]
 Pair = Annotated[tuple[Name, Name], Field(strict=False)]
 Vector = Annotated[tuple[float, float, float], Field(strict=False)]

@@ -95,7 +95,8 @@ class RowChecks:
         spikes = np.zeros(x.shape, dtype=np.bool_)
         if self.threshold is not None:
             spikes = outlying(x, self.usual, self.threshold)
-            spikes[: c.base] = spikes[c.pushed] = False  # impacts are no outliers
+            # impacts and changes of contact are no outliers
+            spikes[: c.base] = spikes[c.pushed] = spikes[c.touched] = False
             if spikes[c.effort].any():
                 q = bridged(t, x[c.q], spikes[c.q], range(c.joints))
                 spikes[c.effort] &= ~jolted(q, self.bend)
