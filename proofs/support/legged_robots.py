@@ -64,6 +64,14 @@ LEGGED = {
         "world",
         ball=((0.0, 0.0, -0.2), 0.02),
     ),
+    "A1 on a hoist": Legged(
+        "menagerie/unitree_a1/a1.xml",
+        "home",
+        ("trunk",),
+        {"hip_joint": 0.25, "thigh_joint": 0.5, "calf_joint": 0.5},
+        "frame",
+        {},
+    ),
     "G1": Legged(
         "menagerie/unitree_g1/g1.xml",
         "stand",
