@@ -20,6 +20,7 @@ from steelyard.estimate.friction.friction_choice import (
 from steelyard.estimate.friction.friction_mixes_and_curves import PLAIN, with_any_speed
 from steelyard.estimate.information import base_parameters_and_regressor as regression
 from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.hidden_by_contacts import hidden_parameters, stances_of
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.nonlinear import nonlinear_parameters as nonlinear
@@ -58,6 +59,7 @@ class PreparedFit:
     gains: GainEstimate | None
     offsets: nonlinear.ZeroOffsets | None
     notes: tuple[str, ...]  # what was decided, for people to read
+    of_contacts: tuple[str, ...] = ()  # what contacts of unknown force take from the data
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +142,9 @@ def prepare_fit(task: FitTask, estimator: Estimator[Information]) -> PreparedFit
         *found.notes,
         *([] if converged else [_NOT_CONVERGED]),
     )
-    return PreparedFit(model, runs, information_of, choice, found.findings, gains, offsets, notes)
+    of_contacts = contact_notes(regression.base_regressor(model), runs)
+    decided = found.findings, gains, offsets, notes, of_contacts
+    return PreparedFit(model, runs, information_of, choice, *decided)
 
 
 SPREAD_ROUNDS, SPREAD_FOUND = 4, 0.05
@@ -162,6 +166,35 @@ def _with_spread(task: FitTask, runs: tuple[Run, ...]) -> tuple[Run, ...]:
         if before and np.abs(np.log(now / np.array(before))).max() < SPREAD_FOUND:
             break
     return runs
+
+
+def contact_notes(regressor: regression.Regressor, runs: Sequence[Run]) -> tuple[str, ...]:
+    """What unknown forces of contacts take from runs, for people to read; empty without them."""
+    base = runs[0].recording.signals.base
+    if base is None or not base.touches:
+        return ()
+    touching = np.zeros(len(base.touches))
+    near, samples = np.zeros(len(base.touches)), 0
+    for run in runs:
+        for block in run.blocks():
+            if block.touching is None:
+                continue
+            flags = block.touching.flags
+            touching += flags.sum(axis=1)
+            margins = np.array([touch.margin * run.rate for touch in base.touches])
+            near += margins * (flags[:, 1:] != flags[:, :-1]).sum(axis=1)
+            samples += flags.shape[1]
+    each = ", ".join(
+        f"{touch.frame} {100.0 * share:.0f} % ({100.0 * edge:.1f} %)"
+        for touch, share, edge in zip(base.touches, touching / samples, near / samples, strict=True)
+    )
+    taken = (
+        "forces of contacts are not measured, and are taken out of all rows of the samples in "
+        f"which a contact may touch; errors are what they do not explain: {each} of {samples} "
+        "samples, in brackets only for the margin around changes"
+    )
+    hidden = hidden_parameters(regressor, base, stances_of(runs)).note
+    return (taken, *([hidden] if hidden else []))
 
 
 def _in_unit_of_log(task: FitTask, runs: Sequence[Run]) -> Model:

@@ -296,6 +296,7 @@ def _reported(
             qualities=tuple((run.name, run.quality.rows_of_text) for run in every),
             notes=(
                 *state.assumed,
+                *prepared.of_contacts,
                 *of_logs.first_dropped(open_loops),
                 *found.ignored,
                 *of_logs.commanded_note(identified, fresh),

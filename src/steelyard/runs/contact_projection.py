@@ -104,7 +104,7 @@ class Touching:
         n, count = q.shape
         spread = np.array(self.base.spread) if self.base.spread else np.ones(n)
         known = np.ones((count, n)) if counted is None else counted.T.astype(np.float64)
-        jacobian = self._jacobian(q) / spread * known[:, None, :]
+        jacobian = self.jacobian(q) / spread * known[:, None, :]
         lengths = np.linalg.norm(jacobian, axis=2, keepdims=True)
         jacobian = np.divide(jacobian, lengths, out=np.zeros_like(jacobian), where=lengths > 0.0)
         values, vectors = np.linalg.eigh(jacobian @ jacobian.transpose(0, 2, 1))
@@ -121,7 +121,7 @@ class Touching:
         unexplained = np.einsum("bij,jb->ib", self.projection(q), rest)
         return np.asarray(measured - unexplained / self.gains[:, None])
 
-    def _jacobian(self, q: Array) -> Array:
+    def jacobian(self, q: Array) -> Array:
         """Jacobians of all contacts `(B, m, n)`, zero where one does not touch."""
         rows = []
         names = tuple(touch.frame for touch in self.base.touches)

@@ -345,8 +345,8 @@ class _Workspace:
             values = code([x[:, part] for x in stretch.inputs])
             y[: values.shape[0], column + whole : column + count] = values
         if projection is not None and stretch.touching is not None:
-            part, gains = projection[start : start + count], stretch.touching.gains
-            self.mix(part, gains, slice(column, column + count))
+            own = projection[start : start + count]
+            self.mix(own, stretch.touching.gains, slice(column, column + count))
 
     def mix(self, projection: Array, gains: Array, at: slice) -> None:
         """Rows of some samples multiplied by a matrix each, `(count, n, n)`, of joints' efforts."""

@@ -119,8 +119,8 @@ def residual_blocks(
         predicted = valued.block(block.q, block.dq, block.ddq, block.channels)
         residual = gains[:, None] * block.effort - predicted
         if block.touching is not None:
-            whole = block.with_forces(predicted / gains[:, None])
-            residual = gains[:, None] * (block.effort - whole)
+            explained = block.with_forces(predicted / gains[:, None])
+            residual = gains[:, None] * (block.effort - explained)
         yield block, predicted, residual
 
 
@@ -227,8 +227,8 @@ def residual_trace(
             measured = gains * block.effort
             residual = measured - predicted.sum(axis=0)
             if block.touching is not None:
-                whole = block.with_forces(predicted.sum(axis=0) / gains)
-                residual = measured - gains * whole
+                explained = block.with_forces(predicted.sum(axis=0) / gains)
+                residual = measured - gains * explained
             sliding = predicted[FRICTION] * block.moving
             kept = np.stack([residual, measured, predicted[GRAVITY], sliding])
             parts.append((block.t, kept, block.dq))
