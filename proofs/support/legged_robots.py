@@ -93,7 +93,9 @@ LEGGED = {
 class Simulation:
     """A robot with other bodies than its file's on a floor, or hung up, and its sensors."""
 
-    def __init__(self, path: Path, robot: Legged, seed: int, load: float = 0.0) -> None:
+    def __init__(
+        self, path: Path, robot: Legged, seed: int, load: float = 0.0, mirrored: bool = False
+    ) -> None:
         spec = without_meshes(mujoco.MjSpec.from_file(str(path)))
         spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1])
         base = spec.worldbody.bodies[0]
@@ -119,21 +121,29 @@ class Simulation:
         # hard balls touch the floor at a point and take no moment; the file's give by 6 to 15 mm
         self.model.geom_condim[:] = 3
         self.model.geom_solref[:], self.model.geom_solimp[:, :3] = HARD
-        self._disturb(np.random.default_rng(seed), load)
+        self._disturb(np.random.default_rng(seed), load, mirrored)
         self.data = mujoco.MjData(self.model)
         mujoco.mj_resetDataKeyframe(self.model, self.data, self.model.key(robot.key).id)
         self.data.qpos[2] += 1.0 if robot.hung else 0.0
         self.held = self.data.qpos[:3].copy()
         self.joints = [self.model.joint(k).name for k in range(1, self.model.njnt)]
 
-    def _disturb(self, rng: Any, load: float) -> None:
-        """Other masses, inertias and centres; a load [kg] on the base's back."""
+    def _disturb(self, rng: Any, load: float, mirrored: bool) -> None:
+        """Other masses, inertias and centres, alike on both sides if mirrored; a load [kg]."""
         model = self.model
         for body in range(1, model.nbody):
             factor = np.exp(SPREAD * rng.normal())
             model.body_mass[body] *= factor
             model.body_inertia[body] *= factor
             model.body_ipos[body] += SHIFT * rng.normal(size=3)
+        for body in range(1, model.nbody) if mirrored else ():
+            name = model.body(body).name
+            if name[1:3] == "R_":
+                left = model.body(f"{name[0]}L_{name[3:]}").id
+                model.body_mass[left] = model.body_mass[body]
+                model.body_inertia[left] = model.body_inertia[body]
+                model.body_ipos[left] = model.body_ipos[body] * [1.0, -1.0, 1.0]
+                model.body_iquat[left] = model.body_iquat[body] * [1.0, -1.0, 1.0, -1.0]
         if load:
             self._carry(load)
         mujoco.mj_setConst(model, mujoco.MjData(model))

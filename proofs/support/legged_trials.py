@@ -38,14 +38,19 @@ class Trial:
 
 
 def trial(
-    name: str, folder: Path, trots: Sequence[float], load: float = 0.0, draw: int = 0
+    name: str,
+    folder: Path,
+    trots: Sequence[float],
+    load: float = 0.0,
+    draw: int = 0,
+    mirrored: bool = False,
 ) -> Trial:
     """Logs of one robot at gaits [Hz], zero for sways; bodies and noise by the number of a draw."""
     robot, folder = LEGGED[name], Path(tempfile.mkdtemp(dir=folder))
     path = data_folder().parent / "models" / robot.file
     logs = [folder / f"log{seed}.parquet" for seed in range(len(trots))]
     for seed, (log, trot) in enumerate(zip(logs, trots, strict=True)):
-        simulation = Simulation(path, robot, draw, load)
+        simulation = Simulation(path, robot, draw, load, mirrored)
         simulation.log(log, SECONDS, 1000 * draw + seed, trot)
     written = partial(simulation.robot_file, folder, path)
     return Trial(simulation, logs, written(), None if robot.hung else written(measured=False))

@@ -23,6 +23,7 @@ from steelyard.estimate.least_squares import weighted_robust_and_whitened as wei
 from steelyard.estimate.least_squares.known_bounded_and_ridge import fixed_values
 from steelyard.estimate.nonlinear.effort_scales import EffortScales, effort_scales
 from steelyard.estimate.prior.body_priors import Knowledge
+from steelyard.estimate.prior.mirrored_limbs import symmetry_note
 from steelyard.estimate.scores.cross_validation import choose_cutoff
 from steelyard.estimate.scores.residual_traces_and_band_calibration import calibrate
 from steelyard.identify import fit_preparation as preparation
@@ -112,6 +113,7 @@ def fit(task: preparation.FitTask, origin: Provenance) -> Fit:
         *([refused] if refused else []),
         *found.estimate.notes,
         *_notes_beyond_physical_bounds(regressor.base, context.knowledge, free),
+        *_symmetry_notes(loaded, regressor.base, free),
     )
     first, cutoff = found.runs[0], loaded.validation.cutoff
     identified = IdentifiedModel(
@@ -264,6 +266,14 @@ def _notes_beyond_physical_bounds(
         f"least squares estimates below the physical bound: {labels}; "
         "these terms fit the data, but represent another effect",
     )
+
+
+def _symmetry_notes(
+    loaded: LoadedRobot, base: regression.BaseMap, free: Estimate
+) -> tuple[str, ...]:
+    """How alike both sides are that the robot file says mirror each other."""
+    plane = loaded.prior.symmetry
+    return () if plane is None else (symmetry_note(base, loaded.robot, free, plane),)
 
 
 MOST_FORCES = 3  # rounds in which a force is found in each run

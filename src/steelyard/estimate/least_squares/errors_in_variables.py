@@ -112,7 +112,14 @@ class MotionNoise:
     per_run: tuple[str, ...] = ()  # columns whose parameters every run has for itself
 
     def __call__(self, samples: FilteredSamples) -> Estimate:
-        """Estimate all columns that the data see."""
+        """Estimate all columns that the data see; not of rows that were combined."""
+        if samples.layout.mixed:
+            raise DataError(
+                "noise of the motion is followed in rows of their own only, and forces of contacts "
+                "were taken out of all of them",
+                where="[signals.base] contacts with touching",
+                fix="choose another estimator, such as consistent or WLS, or give measured forces",
+            )
         start = WeightedLeastSquares(per_run=self.per_run)(samples.information())
         refuse_few(samples.information(), len(start.parameters), FREEDOM)
         roots = []

@@ -377,6 +377,8 @@ def residuals_of(samples: FilteredSamples, estimate: Estimate) -> tuple[Array, .
         for row, found in enumerate(samples.residuals(values)):
             here = samples.source[samples.at[row]] == number
             result[row][here] = found[here]
+    if samples.layout.mixed:
+        return result  # as large as others, whatever is left of their rows
     return tuple(r * np.sqrt(w) for r, w in zip(result, samples.weights, strict=True))
 
 

@@ -19,6 +19,7 @@ from steelyard.estimate.prior.body_priors import (
     rigid_bodies,
 )
 from steelyard.estimate.prior.dissipative_friction import dissipation_rows, shaped
+from steelyard.estimate.prior.mirrored_limbs import symmetry_rows
 from steelyard.model.laws.register import TERMS
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
@@ -423,6 +424,8 @@ def knowledge_of(model: Model, loaded: LoadedRobot, fastest: Array | None = None
             fix = "remove the constraint, or remove per_run from the term"
             raise ModelError(wrong, where=where, fix=fix)
         rows += mine
+    if loaded.prior.symmetry is not None:
+        rows += symmetry_rows(model, loaded.prior.symmetry, loaded.where("prior", "symmetry"))
     lower, loosened = _loosened(known, rows)
     notes += [f"'{name}' may be below zero, as the robot file allows" for name in loosened]
     known = replace(known, lower=lower, rows=tuple(rows), notes=tuple(notes))

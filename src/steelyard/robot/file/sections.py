@@ -433,6 +433,11 @@ class PriorSection(Section):
     uncertainty: Annotated[float, Field(ge=1e-4)] | None = key(
         None, "Relative standard deviation; estimated from the data if left out."
     )
+    symmetry: Literal["xy", "xz", "yz"] | None = key(
+        None,
+        "Plane of the base link's frame across which limbs mirror each other, such as `xz` of legs "
+        "to the left and right; their links are found by the places and axes of their joints.",
+    )
     links: dict[str, LinkPriorSection] = key({}, "Priors of single links.")
 
 
