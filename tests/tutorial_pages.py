@@ -3,14 +3,19 @@
 Shared by the tests and by `proofs/product/tutorials.py`, which runs every page.
 """
 
+import os
 import re
 import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted((ROOT / "docs/tutorials").glob("*.md"))
-BLOCK = re.compile(r'^```(sh|text|toml)(?: title="([^"]+)")?\n(.*?)^```', re.M | re.S)
+BLOCK = re.compile(r'^```(sh|bash|text|toml)(?: title="([^"]+)")?\n(.*?)^```', re.M | re.S)
+
+PATH = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
+"""With the interpreter that runs the page, for what else it runs in `bash`."""
 
 Run = Callable[[list[str]], tuple[int, str, str]]
 """From the arguments of `steelyard` to its exit code, what it prints, and the errors."""
@@ -22,6 +27,10 @@ def differences(page: Path, folder: Path, run: Run) -> list[str]:
     for kind, title, text in BLOCK.findall(page.read_text("utf-8")):
         if kind == "toml" and title:
             edit(folder / title, text)
+        elif kind == "bash":
+            path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+            own = {**os.environ, "PYTHONPATH": path, "PATH": PATH}
+            subprocess.run(["bash", "-ec", text], cwd=folder, env=own, check=True)
         elif kind == "sh":
             done = [(words, *run(words)) for words in commands(page, text)]
             failed = [one for one in done if one[1] not in (0, 3)]

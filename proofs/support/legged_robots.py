@@ -3,8 +3,11 @@
 Joints follow scripted targets: sways on all feet, and a trot; a robot that would fall hangs on a
 hoist, which moves it. Bodies are others than in the model file. A log has means over its rows'
 intervals, as sensors with a low-pass give them, with noise.
+`python -m proofs.support.legged_robots A1 FOLDER` writes logs of four gaits, the last one with 2 kg
+on the back, and robot files: `measured.toml` with forces of the feet, `flags.toml` without.
 """
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +16,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import polars as pl
+from proofs.support.claims import data_folder
 from proofs.support.mujoco_oracle import without_meshes
 
 from steelyard.base.arrays import Array
@@ -28,6 +32,12 @@ TOUCHING = 4.0  # measured force above which a foot touches for sure [N]
 STIFF = 0.999  # impedance of the constraint by which MuJoCo makes dry friction of joints
 NOISE = {"q": 2e-5, "tau": 0.05, "acc": 0.05, "gyro": 2e-3, "force": 0.5, "moment": 0.02}
 """Standard deviations of a row [rad, Nm, m/s², rad/s, N, Nm]."""
+
+GAITS = (
+    ("sways", 15.0, 0.0, 0.0), ("trot", 15.0, 2.0, 0.0), ("fast_trot", 15.0, 3.0, 0.0),
+    ("carrying", 15.0, 2.0, 2.0),
+)  # fmt: skip
+"""Of the tutorial: name, duration [s], steps [Hz] and load on the back [kg]."""
 
 Targets = Callable[[float], Array]
 
@@ -332,3 +342,21 @@ def _lift(joint: str) -> float:
 def _of_end(joint: str, given: dict[str, float]) -> float:
     """The value of the end of a joint's name; zero if there is none."""
     return next((x for end, x in given.items() if joint.endswith(end)), 0.0)
+
+
+def main() -> None:
+    """Logs of one robot, and its robot files, for the tutorial."""
+    name, folder = sys.argv[1], Path(sys.argv[2])
+    robot = LEGGED[name]
+    path = data_folder().parent / "models" / robot.file
+    folder.mkdir(parents=True)
+    for gait, seconds, trot, load in GAITS:
+        simulation = Simulation(path, robot, 0, load)
+        simulation.log(folder / f"{gait}.parquet", seconds, len(gait), trot)
+        print(f"{folder / gait}.parquet")
+    for measured in (True,) if robot.hung else (True, False):
+        print(simulation.robot_file(folder, path, measured=measured))
+
+
+if __name__ == "__main__":
+    main()

@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 import steelyard
-from floating_logs import HAND, IMU, dog, record
+from floating_logs import FLAG, HAND, IMU, dog, record
 from steelyard.base.errors import ModelError
 
 
@@ -28,3 +28,19 @@ def test_a_push_that_no_sensor_measures(tmp_path: Path) -> None:
     assert abs(estimate.wrench[estimate.largest, 1] - 6.0) < 0.5
     with pytest.raises(ModelError, match="momentum"):
         steelyard.external_wrench(model, log, "handle", residual="momentum")
+
+
+def test_contacts_of_unknown_force_are_refused(tmp_path: Path) -> None:
+    """What they do would look like a push."""
+    log, _ = record(tmp_path, push=30.0)
+    model = steelyard.identify(dog(tmp_path, IMU + FLAG + HAND), log).model
+    with pytest.raises(ModelError, match="forces of contacts are not measured"):
+        steelyard.external_wrench(model, log)
+
+
+def test_a_payload_is_on_the_base(tmp_path: Path) -> None:
+    """A robot that floats has no end; rows of its base may be zero."""
+    log, _ = record(tmp_path, noise=0.02)
+    model = steelyard.identify(dog(tmp_path, IMU + HAND), log).model
+    found = steelyard.identify_payload(model, log)
+    assert found.frame == "trunk" and abs(found.body.mass) < 0.05

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.estimate.scores.residual_traces_and_band_calibration import ResidualTrace
+from steelyard.robot.robot import BASE_COORDINATES
 
 ABSENT = 0.6  # least share of a predicted part of the efforts that an absent part lacks
 EXPLAINED = 0.5  # share of the squared residual that its absence must explain
@@ -97,6 +98,8 @@ def refuse_without(trace: ResidualTrace, sigma: Array, joints: Sequence[str]) ->
     """
     predicted = np.std(trace.measured - trace.residual, axis=1)
     constant = np.ptp(trace.measured, axis=1) <= CONSTANT * np.max(np.abs(trace.measured), axis=1)
+    free = {coordinate.name for coordinate in BASE_COORDINATES}  # zero where nothing touches it
+    constant &= [name not in free for name in joints]
     if names := _chosen(joints, constant & (predicted > LEAST_PART_STD * sigma)):
         raise LogError(
             f"the effort of {names} never changes: its column holds no measured effort",

@@ -77,14 +77,14 @@ def covariance_of(matrix: Array, chosen: Sequence[int]) -> Array:
 
 
 def carrier(robot: Robot, name: str | None = None) -> Frame:
-    """The frame of that name; that of the last link if none is named."""
+    """The frame of that name; that of the last link, or of a floating base, if none is named."""
     links = {
         body.name: Frame(body.name, k, np.eye(3), np.zeros(3))
         for k, body in enumerate(robot.bodies)
     }
     frames = links | {frame.name: frame for frame in robot.frames}
     if name is None:
-        return links[robot.bodies[-1].name]
+        return links[robot.bodies[0 if robot.floating else -1].name]
     frame = named(name, frames, "frame", "frames", f"robot '{robot.name}'")
     wrong, which = "", ""
     if frame.body < 0:

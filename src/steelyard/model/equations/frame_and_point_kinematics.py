@@ -98,7 +98,12 @@ class FrameKinematics:
 
 
 def last_frame(robot: Robot) -> str:
-    """Name of the frame at the robot's end: the last one on its last body, or that body's own."""
+    """Name of the frame at the robot's end: the last one on its last body, or that body's own.
+
+    A robot with a floating base has no end: its base is taken.
+    """
+    if robot.floating:
+        return robot.bodies[0].name
     last = len(robot.bodies) - 1
     on_it = [frame.name for frame in robot.frames if frame.body == last]
     return on_it[-1] if on_it else robot.bodies[last].name

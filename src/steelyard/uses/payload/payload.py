@@ -296,7 +296,7 @@ def identify_payload(
     Args:
         model: The model, its `model.json`, or the folder that contains it.
         logs: Logs with the payload.
-        frame: Frame of the results; that of the last link if `None`.
+        frame: Frame of the results; that of the last link, or of a floating base, if `None`.
         unloaded: Logs without the payload: arm and payload are then identified together, and the
             parameter values of the model are not used.
         gain_uncertainty: Relative standard deviation of each gain of the efforts; if `None`, 0.02
@@ -360,7 +360,7 @@ def payload_events(
     Args:
         model: The model, its `model.json`, or the folder that contains it.
         log: A log in which the payload may change.
-        frame: Frame of the payloads; that of the last link if `None`.
+        frame: Frame of the payloads; that of the last link, or of a floating base, if `None`.
         gain_uncertainty: Relative standard deviation of each gain of the efforts, see
             `identify_payload`.
         progress: Receives events of progress; an exception from it stops the work.

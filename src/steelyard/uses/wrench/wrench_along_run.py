@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Z95, Array
-from steelyard.base.errors import DataError
+from steelyard.base.errors import DataError, ModelError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.external import wrench_methods_and_observer_step as methods
 from steelyard.estimate.external.momentum_observer_with_wrench_and_contact import (
@@ -279,6 +279,14 @@ def estimated_wrench(
     if that is less.
     """
     place = methods.moved_frame(identified.robot, frame)
+    base = identified.signals.base
+    if base is not None and base.touches:
+        raise ModelError(
+            "forces of contacts are not measured, and a wrench is what known ones leave over",
+            where=f"contact on '{base.touches[0].frame}' of the model's robot file",
+            fix="identify the model from logs with measured forces: force = ... under "
+            "[[signals.base.contacts]]",
+        )
     chosen = _bandwidth(identified, run, bandwidth)
     whole = replace(run, span=(-np.inf, np.inf))
     residual = residual_of(identified, residual)
