@@ -38,6 +38,7 @@ GAITS = (
     ("carrying", 15.0, 2.0, 2.0),
 )  # fmt: skip
 """Of the tutorial: name, duration [s], steps [Hz] and load on the back [kg]."""
+ICE = 0.02  # coefficient of friction
 
 Targets = Callable[[float], Array]
 
@@ -104,8 +105,15 @@ class Simulation:
     """A robot with other bodies than its file's on a floor, or hung up, and its sensors."""
 
     def __init__(
-        self, path: Path, robot: Legged, seed: int, load: float = 0.0, mirrored: bool = False
+        self,
+        path: Path,
+        robot: Legged,
+        seed: int,
+        load: float = 0.0,
+        mirrored: bool = False,
+        slippery: str = "",
     ) -> None:
+        """Of a model file; with a load [kg] on its back, and ice under one of its feet."""
         spec = without_meshes(mujoco.MjSpec.from_file(str(path)))
         spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1])
         base = spec.worldbody.bodies[0]
@@ -132,6 +140,10 @@ class Simulation:
         self.model.geom_condim[:] = 3
         self.model.geom_solref[:], self.model.geom_solimp[:, :3] = HARD
         self._disturb(np.random.default_rng(seed), load, mirrored)
+        if slippery:
+            on = self.model.geom_bodyid == self.model.body(slippery).id
+            self.model.geom_friction[on, 0] = ICE
+            self.model.geom_priority[on] = 10  # its friction counts, not that of the floor
         self.data = mujoco.MjData(self.model)
         mujoco.mj_resetDataKeyframe(self.model, self.data, self.model.key(robot.key).id)
         self.data.qpos[2] += 1.0 if robot.hung else 0.0

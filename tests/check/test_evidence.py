@@ -89,7 +89,7 @@ def test_an_offset_may_balance_what_bodies_weigh_and_the_log_lacks(weight: float
     yy[0, :k, :k] = weight**2 * np.outer(unit, unit)  # the nominal bodies' effort has this size
     yy[0, range(k, k + NUISANCES), range(k, k + NUISANCES)] = 1.0
     products = _Products(yy, ye, np.full((1, 1), 4.0), np.array([50.0]))  # an effort of 2
-    reading = cast(Any, SimpleNamespace(effort=(0,), effort_scale=np.ones(1), held=0.0))
+    reading = cast(Any, SimpleNamespace(effort=(0,), effort_scale=np.ones(1), held=0.0, base=None))
     found = products.problem(reading, 1.0)
     sizes = np.sqrt(np.einsum("kk->k", found.yy[0, k:, k:]))
     others = [column for column in range(NUISANCES) if column != OFFSET_COLUMN]

@@ -12,7 +12,8 @@ from steelyard.check.decision.search_with_unknown_bodies import LIKELY, Explanat
 from steelyard.check.decision.undecided_questions import undecided
 from steelyard.check.decision.verdict_of_log import SHOWN_EXPLANATIONS, _contested, one_of_several
 from steelyard.check.finding import Severity
-from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis, Reading
+from steelyard.check.hypotheses.hypotheses_and_their_scores import Hypothesis
+from steelyard.check.hypotheses.readings_and_likelihood import Reading
 
 
 @pytest.fixture

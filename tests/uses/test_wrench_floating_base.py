@@ -43,4 +43,4 @@ def test_a_payload_is_on_the_base(tmp_path: Path) -> None:
     log, _ = record(tmp_path, noise=0.02)
     model = steelyard.identify(dog(tmp_path, IMU + HAND), log).model
     found = steelyard.identify_payload(model, log)
-    assert found.frame == "trunk" and abs(found.body.mass) < 0.05
+    assert found.frame == "trunk" and abs(found.ten[0]) < 0.05

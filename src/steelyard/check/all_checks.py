@@ -11,6 +11,9 @@ from steelyard.base.progress import report_progress
 from steelyard.check.cases_and_checks import Case, CaseCheck
 from steelyard.check.decision import gears_and_friction_of_logs, hypothesis_checks
 from steelyard.check.decision.joint_zeros_and_quarter_turns import joint_zeros_check
+from steelyard.check.decision.slipping_feet import slipping_feet_check
+from steelyard.check.decision.small_errors_beside_free_bodies import sensor_place_check
+from steelyard.check.decision.unmeasured_contacts import unmeasured_contacts_check
 from steelyard.check.finding import Edit, Finding, Severity
 from steelyard.check.fitted import implausible_estimates_and_gear_side
 from steelyard.check.signals import (
@@ -19,6 +22,7 @@ from steelyard.check.signals import (
     movement_rests_and_moving_base,
 )
 from steelyard.check.signals.position_unit_and_columns import position_check
+from steelyard.check.signals.sensors_of_floating_base import base_sensors_check
 from steelyard.check.signals.time_stamps_and_scale import clock_check, out_of_order
 from steelyard.check.signals.velocity_check import velocity_check
 from steelyard.report.words import first_names
@@ -38,7 +42,7 @@ def edits_that_serve_all_logs(findings: Sequence[Finding]) -> tuple[Finding, ...
     median; those that differ by more than their accuracy are doubtful, and none is written. Edits
     that were tried on a log as one change stay together or go.
     """
-    of_motion = {check.name for check in OF_MOTION}
+    of_motion = {check.name for check in (*OF_MOTION, *OF_FLOATING_BASE)}
     at_rest = movement_rests_and_moving_base.excitation_check.name, Severity.WRONG
     logs = dict.fromkeys(f.log for f in findings if f.log)
     resting = {f.log for f in findings if (f.check, f.severity) == at_rest}
@@ -176,10 +180,39 @@ OF_MOTION: tuple[Check, ...] = (
     implausible_estimates_and_gear_side.identifiability_check,
 )
 """Checks that compare efforts with a model: by velocities and accelerations, in true seconds."""
+OF_FLOATING_BASE: tuple[Check, ...] = (
+    hypothesis_checks.SENSOR_MOUNTING_CHECK,
+    hypothesis_checks.SENSOR_DELAY_CHECK,
+    hypothesis_checks.CONTACTS_CHECK,
+    sensor_place_check,
+    unmeasured_contacts_check,
+    slipping_feet_check,
+)
+"""Checks of the sensors and contacts of a floating base, by the same evidence."""
+OF_FIXED_BASE: tuple[Check, ...] = (
+    joint_zeros_check,
+    hypothesis_checks.JOINT_ZEROS,
+    hypothesis_checks.MOUNTING,
+    movement_rests_and_moving_base.moving_base_check,
+    hypothesis_checks.PAYLOAD,
+)
+"""Checks that suppose a base at rest, or one limb."""
 CHECKS = (*OF_SIGNALS, *OF_MOTION)
+
+
+def checks_of(floating: bool) -> tuple[Check, ...]:
+    """All checks of a robot whose base is at rest, or floats."""
+    if not floating:
+        return CHECKS
+    by_model = (check for check in OF_MOTION if check not in OF_FIXED_BASE)
+    return (*OF_SIGNALS, base_sensors_check, *by_model, *OF_FLOATING_BASE)
+
+
 BASIC_CHECKS = (
     *hypothesis_checks.OF_COLUMNS,
     hypothesis_checks.MOUNTING,
+    hypothesis_checks.SENSOR_MOUNTING_CHECK,
+    hypothesis_checks.CONTACTS_CHECK,
     gears_and_friction_of_logs.transmission_check,
 )
 """Checks without whose answers nobody knows whether the robot file describes the log."""
@@ -242,19 +275,25 @@ class Diagnosis:
 MOTION_CHECKS_NAME = "efforts"  # the checks of `OF_MOTION` together, where they are not made
 OTHER_CHECKS_NAME = "other checks"  # all checks but that of the clock, where they are not made
 ORDER_FIRST = "not run: the rows must be in the order of time"
-PREMISE_CHECKS = (clock_check.name, position_check.name)  # without them accelerations are unknown
+PREMISE_CHECKS = (
+    clock_check.name,
+    position_check.name,
+    base_sensors_check.name,
+)  # without them accelerations are unknown
 NOT_RUN = "the checks that compare efforts with a model are not run: correct the {} first"
 CORRECTED_BY_FIX = ", or --fix corrects it and checks again"  # by a line of the file
 
 
 def examine(case: Case, *, quick: bool = False, checks: Sequence[Check] | None = None) -> Diagnosis:
     """Ask checks, all or quick ones; where clock, positions or efforts are wrong no `OF_MOTION`."""
-    selected = [s for s in (CHECKS if checks is None else checks) if s.quick or not quick]
-    selected.sort(key=lambda check: (check in OF_MOTION, check is not clock_check))
+    every = checks_of(case.loaded.robot.floating) if checks is None else checks
+    selected = [s for s in every if s.quick or not quick]
+    by_model = (*OF_MOTION, *OF_FLOATING_BASE)
+    selected.sort(key=lambda check: (check in by_model, check is not clock_check))
     findings: list[Finding] = []
     motion = False
     for number, check in enumerate(selected):
-        if check in OF_MOTION and not motion:
+        if check in by_model and not motion:
             motion = True
             case, found = _without(case, MOTION_CHECKS_NAME, _not_run(case, findings))
             findings += found

@@ -161,13 +161,6 @@ def refuse_foreign(reference: IdentifiedModel, loaded: LoadedRobot, where: str) 
         )
 
 
-def checkable(loaded: LoadedRobot, wanted: bool) -> tuple[bool, tuple[str, ...]]:
-    """Whether logs are checked before a fit, if that is wanted, and a note where they cannot be."""
-    if wanted and loaded.robot.floating:
-        return False, ("logs of a robot with a floating base are not checked before the fit",)
-    return wanted, ()
-
-
 def prechecked(
     robot: str, loaded: LoadedRobot, files: Sequence[LogArgument], progress: Progress
 ) -> tuple[Diagnosis, dict[str, Run]]:

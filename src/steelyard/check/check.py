@@ -337,7 +337,7 @@ def check(
         files, parts = [], whole_logs(given)
         subject = subject_by_first_log(str(robot), parts, fixed_base)
         names = tuple(part.where for part in parts)
-    refuse_floating(subject.loaded.robot, "the check of logs")
+        refuse_floating(subject.loaded.robot, "the check of logs by workers")
     method_of(subject.loaded)
     named = None if model is None or isinstance(model, IdentifiedModel) else str(model)
     if known is not None:
@@ -353,7 +353,8 @@ def check(
     diagnosis, corrected = check_with(subject), None
     if target is not None:
         corrected = correct_robot_file(subject, target, diagnosis, check_with)
-    asks = {check.name: check.question for check in all_checks.CHECKS}
+    floating = subject.loaded.robot.floating
+    asks = {check.name: check.question for check in all_checks.checks_of(floating)}
     content = CheckContent(
         subject.loaded.robot.name, str(robot), names, named, diagnosis, asks, subject.notes
     )

@@ -15,7 +15,6 @@ from steelyard.base.progress import Progress, silent
 from steelyard.base.workers import refuse_odd
 from steelyard.check.all_checks import BASIC_CHECKS, Diagnosis
 from steelyard.check.case_from_files_and_precheck import (
-    checkable,
     notes_of_precheck,
     prechecked,
 )
@@ -193,7 +192,7 @@ class _Fitted:
     diagnosis: Diagnosis | None
     assumed: tuple[str, ...]  # notes that the report begins with
     decided: tuple[str, ...]  # details
-    doubts: tuple[Finding, ...] = ()  # about logs that are not checked, or only workers read
+    doubts: tuple[Finding, ...] = ()  # about logs that only workers read
 
 
 def _fitted(
@@ -208,7 +207,6 @@ def _fitted(
     progress: Progress,
 ) -> _Fitted:
     """Check logs, make them runs, and fit the model to them."""
-    check, unchecked = checkable(file, check)
     carrying = payload[0]
     named_logs.refuse_overlaps([*known, *carrying], unknown)
     signals, reasons = named_logs.signals_of(file, known[0])
@@ -248,9 +246,8 @@ def _fitted(
         assumed = (*assumed, *forces)
         refuse_absurd(found.identified, file.reference)
     logs = [*known, *carrying]
-    said = tuple(Finding.ok(one, headline=True).by("no check") for one in unchecked)
     of_runs = logs, unknown, clean, unseen
-    return _Fitted(file, calibrated(found), *of_runs, diagnosis, assumed, decided, said)
+    return _Fitted(file, calibrated(found), *of_runs, diagnosis, assumed, decided)
 
 
 def _reported(

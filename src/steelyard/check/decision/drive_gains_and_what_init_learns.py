@@ -20,9 +20,10 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, LogError, SteelyardError
 from steelyard.check.cases_and_checks import Case, CheckedLog, remembered
 from steelyard.check.finding import Edit, Finding, Fix, Severity
+from steelyard.check.hypotheses.hypotheses_and_their_scores import Hypothesis
 from steelyard.check.hypotheses.log_excerpt import Excerpt, excerpt_of
 from steelyard.check.hypotheses.nuisance_fit_and_score import REST_SPEED
-from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis
+from steelyard.check.hypotheses.sensors_contacts_and_limbs import CONTACTS, SENSOR_MOUNTING
 from steelyard.check.hypotheses.signs_and_delay_by_friction import NO_DELAY_ADVICE
 from steelyard.estimate.friction.friction_mixes_and_curves import (
     joint_motions,
@@ -166,6 +167,19 @@ CURRENT_UNITS = {"A": 1.0, "mA": 1e-3}  # units of current [A]
 CAUSES_THAT_SCALE = ("gain", "effort kind", "effort unit")  # causes that are a factor on efforts
 
 
+OF_FLOATING_BASE = {
+    SENSOR_MOUNTING: (
+        "state its mounting under [signals.base] from a drawing, as these angles are fitted by the "
+        "masses of the model file, to a degree or two"
+    ),
+    CONTACTS: (
+        "log forces of the world on the robot in newtons, upwards under a foot; no line of the "
+        "robot file changes their sign or scale"
+    ),
+}
+"""What to do about sensors and contacts of a floating base that no line corrects for certain."""
+
+
 def unwritten_number_advice(case: Case, hypothesis: Hypothesis, *, sure: bool) -> Fix:
     """What to do about an explanation without numbers; `sure` if efforts are wrong."""
     if hypothesis.reading.held and hypothesis.cause == "effort kind":
@@ -179,6 +193,8 @@ def unwritten_number_advice(case: Case, hypothesis: Hypothesis, *, sure: bool) -
         return Fix(_of_other_torques(case, hypothesis) + _listed_sources(case, sure=sure))
     if hypothesis.cause == "effort delay":
         return Fix(NO_DELAY_ADVICE)
+    if hypothesis.cause in OF_FLOATING_BASE:
+        return Fix(f"{hypothesis.says}: {OF_FLOATING_BASE[hypothesis.cause]}")
     other = {
         "mounting": (
             "an external force acts on the arm (a cable, a balancer), or lengths and axes differ "

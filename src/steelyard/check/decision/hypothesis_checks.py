@@ -17,6 +17,7 @@ from steelyard.check.decision.joint_zeros_and_quarter_turns import quarter_turns
 from steelyard.check.decision.ranked_readings import HOPELESS_MISFIT, Judged, LogVerdict
 from steelyard.check.decision.robot_file_edits import confirmed, edits_of, velocity_edits
 from steelyard.check.decision.search_with_unknown_bodies import LIKELY, least_mass
+from steelyard.check.decision.small_errors_beside_free_bodies import removed_weight
 from steelyard.check.decision.undecided_questions import UNTIL_OTHER, misfit_hides, undecided
 from steelyard.check.decision.verdict_of_log import (
     CLEAN,
@@ -27,8 +28,13 @@ from steelyard.check.decision.verdict_of_log import (
     least_delay,
 )
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Picture, Severity, trace
+from steelyard.check.hypotheses.hypotheses_and_their_scores import Hypothesis
 from steelyard.check.hypotheses.position_and_effort_hypotheses import ZERO_CAUSE, zero_offsets
-from steelyard.check.hypotheses.readings_and_likelihood import Hypothesis
+from steelyard.check.hypotheses.sensors_contacts_and_limbs import (
+    CONTACTS,
+    SENSOR_DELAY,
+    SENSOR_MOUNTING,
+)
 from steelyard.check.hypotheses.signs_and_delay_by_friction import friction_signs, residual_delay
 
 EMPTY_MISFIT = 0.5  # typical misfit of a reading that predicts next to nothing
@@ -368,6 +374,7 @@ EFFORT_KIND = HypothesisCheck(
     "Are efforts of the declared kind?",
     partial(agreement_sentence, what="efforts are of the kind declared"),
     "declare what the columns hold",
+    removed_weight,
 )
 OF_COLUMNS = (JOINT_ORDER, POSITION_SIGN, EFFORT_SIGN, EFFORT_UNIT, EFFORT_KIND)
 GAIN = HypothesisCheck(
@@ -396,6 +403,24 @@ MOUNTING = HypothesisCheck(
     "Is the direction of gravity that of the robot file?",
     partial(agreement_sentence, what="gravity has the direction of the robot file"),
     "state the direction of gravity in the base frame as the log fits it best",
+)
+SENSOR_MOUNTING_CHECK = HypothesisCheck(
+    SENSOR_MOUNTING,
+    "Is the sensor of the base turned as declared?",
+    partial(agreement_sentence, what="the sensor of the base is turned as declared"),
+    "state how the sensor is mounted",
+)
+SENSOR_DELAY_CHECK = HypothesisCheck(
+    SENSOR_DELAY,
+    "Has the sensor of the base the clock of the joints?",
+    partial(agreement_sentence, what="the sensor of the base has the clock of the joints"),
+    "compensate the delay",
+)
+CONTACTS_CHECK = HypothesisCheck(
+    CONTACTS,
+    "Do measured contacts act where, and as, they are declared?",
+    partial(agreement_sentence, what="contacts act as declared"),
+    "correct the columns, units, signs or axes of [[signals.base.contacts]]",
 )
 PAYLOAD = HypothesisCheck(
     "payload",

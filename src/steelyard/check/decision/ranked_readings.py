@@ -18,6 +18,12 @@ from steelyard.check.hypotheses.gravity_payload_and_delay import (
     gravity_hypotheses,
     payload_hypotheses,
 )
+from steelyard.check.hypotheses.hypotheses_and_their_scores import (
+    AS_DECLARED,
+    CLOSE_HYPOTHESES,
+    Hypothesis,
+    scored,
+)
 from steelyard.check.hypotheses.log_excerpt import excerpt_of
 from steelyard.check.hypotheses.position_and_effort_hypotheses import (
     PERCENT,
@@ -29,15 +35,8 @@ from steelyard.check.hypotheses.position_and_effort_hypotheses import (
     ratio_hypotheses,
     zero_hypotheses,
 )
-from steelyard.check.hypotheses.readings_and_likelihood import (
-    AS_DECLARED,
-    CLOSE_HYPOTHESES,
-    Hypothesis,
-    Likelihood,
-    Reading,
-    likelihood_of,
-    scored,
-)
+from steelyard.check.hypotheses.readings_and_likelihood import Likelihood, Reading, likelihood_of
+from steelyard.check.hypotheses.sensors_contacts_and_limbs import base_hypotheses
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.robot.file.signals import Signals
 
@@ -192,8 +191,12 @@ def _others(likelihood: Likelihood, reference: IdentifiedModel | None) -> OtherE
 
 def _rivals(now: Hypothesis, others: OtherEfforts) -> tuple[Hypothesis, ...]:
     reading = now.reading
-    found = [now, *effort_hypotheses(reading, others), *gravity_hypotheses(reading)]
-    found += [*payload_hypotheses(reading), *delay_hypotheses(reading), *zero_hypotheses(reading)]
+    found = [now, *effort_hypotheses(reading, others)]
+    if reading.base is None:
+        found += [*gravity_hypotheses(reading), *payload_hypotheses(reading)]
+        found += [*delay_hypotheses(reading), *zero_hypotheses(reading)]
+    else:
+        found += scored(list(base_hypotheses(reading)))
     found.sort(key=lambda h: -h.log_likelihood)
     if has_bad_joint(now) or found[0].log_likelihood - now.log_likelihood > SUSPECT_GAIN:
         found += [*scored(list(position_changes(reading))), *ratio_hypotheses(reading)]

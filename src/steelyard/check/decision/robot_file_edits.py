@@ -21,6 +21,12 @@ from steelyard.check.hypotheses.gravity_payload_and_delay import refined_gravity
 from steelyard.check.hypotheses.log_excerpt import excerpt_of
 from steelyard.check.hypotheses.position_and_effort_hypotheses import PERCENT, ZERO_CAUSE
 from steelyard.check.hypotheses.readings_and_likelihood import Likelihood, Reading, likelihood_of
+from steelyard.check.hypotheses.sensors_contacts_and_limbs import (
+    OF_BASE,
+    SENSOR_DELAY,
+    SENSOR_MOUNTING,
+    roll_pitch_yaw,
+)
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.sections import Gain
 from steelyard.robot.file.signals import MOTOR_KINDS, Signals
@@ -55,26 +61,62 @@ EFFORT_KEY = ("signals", "effort")
 def edits_of(cause: str, reading: Reading, loaded: LoadedRobot) -> tuple[Edit, ...]:
     """The edits that one cause needs; all causes' edits together make the reading."""
     before, s = reading.likelihood.declared, reading.likelihood.signals
-    found: list[Edit] = []
+    joints, found = slice(s.n_base, None), list[Edit]()
     if cause == "joint order":
+        position, effort = reading.position[joints], reading.effort[joints]
         if reading.position != before.position:
-            found.append(Edit(("signals", "position"), [s.position[k] for k in reading.position]))
+            found.append(Edit(("signals", "position"), [s.position[k] for k in position]))
         if reading.effort != before.effort:
-            found.append(Edit((*EFFORT_KEY, "columns"), [s.effort[k] for k in reading.effort]))
+            found.append(Edit((*EFFORT_KEY, "columns"), [s.effort[k] for k in effort]))
     elif cause == "position sign":
-        signs = np.sign(reading.position_scale).astype(int).tolist()
-        if signs != np.sign(before.position_scale).tolist():
+        signs = np.sign(reading.position_scale).astype(int).tolist()[joints]
+        if signs != np.sign(before.position_scale).tolist()[joints]:
             found.append(Edit(("signals", "position_sign"), signs))
     elif cause == "effort delay":
         found.append(Edit((*EFFORT_KEY, "delay"), round(reading.delay, 4)))
     elif cause == "mounting":
         gravity = [round(float(x), 4) + 0.0 for x in refined_gravity(reading)]
         found += [Edit(("robot", "gravity"), gravity), Edit(("robot", "mounting"), None)]
+    elif cause in OF_BASE:
+        return base_edits(cause, reading)
     elif cause == ZERO_CAUSE:
         return zero_edits(reading)
     elif cause in ("effort sign", "effort unit", "effort kind", "gain"):
         return _effort(cause, reading, loaded)
     return tuple(found)
+
+
+BASE_KEY = ("signals", "base")
+
+
+def base_edits(cause: str, reading: Reading) -> tuple[Edit, ...]:
+    """How the sensor of a floating base is mounted, its delay, and contacts as they are."""
+    base, floats = reading.base, reading.likelihood.base
+    if base is None or floats is None:
+        return ()
+    signals = floats.signals
+    if cause == SENSOR_DELAY:
+        return (Edit((*BASE_KEY, "delay"), round(base.delay, 4)),)
+    if cause == SENSOR_MOUNTING:
+        angles = roll_pitch_yaw(base.turn @ np.reshape(signals.axes, (3, 3)))
+        values = {x: float(np.round(y, 2)) + 0.0 for x, y in zip(ANGLES, angles, strict=True)}
+        place: dict[str, Any] = {"position": [round(x, 6) for x in signals.place]}
+        given = {**values, **(place if any(signals.place) else {})}
+        key = (*BASE_KEY, "mounting")
+        return (
+            *(Edit((*key, name), value) for name, value in given.items()),
+            Edit((*BASE_KEY, "frame"), None),
+        )
+    tables = []
+    for contact, number, world in zip(signals.contacts, base.contacts, base.in_world, strict=True):
+        columns = list(signals.contacts[number].columns)
+        parts = {"force": columns[:3], "moment": columns[3:]}
+        axes = {"axes": "world"} if world else {}
+        tables.append({"frame": contact.frame, **{k: v for k, v in parts.items() if v}, **axes})
+    return (Edit((*BASE_KEY, "contacts"), tables),)
+
+
+ANGLES = ("roll", "pitch", "yaw")
 
 
 def zero_edits(reading: Reading) -> tuple[Edit, ...]:
@@ -108,10 +150,12 @@ def _effort(cause: str, after: Reading, loaded: LoadedRobot) -> tuple[Edit, ...]
     if after.kind == "motor_current" != before.kind:
         return (*kinds, of("unit", "A"), gain)
     if after.kind == "joint_torque" and before.kind == "motor_current":
-        units = list(loaded.robot.effort_units)
+        units = list(loaded.robot.effort_units)[s.n_base :]
         one = units[0] if len(set(units)) == 1 else units
         return (*kinds, of("unit", one), of("gain", None))
-    if set(s.effort_units) == {"A"} and np.allclose(np.abs(factors), np.abs(factors[0])):
+    if set(s.effort_units[s.n_base :]) == {"A"} and np.allclose(
+        np.abs(factors), np.abs(factors[0])
+    ):
         unit = {1.0: "A", 1e-3: "mA"}.get(round(float(np.abs(after.effort_scale[0])), 9))
         if unit is not None and abs(factors[0]) != 1.0:
             signed = of("gain", _entries(s, gains / np.abs(factors)))
@@ -121,7 +165,8 @@ def _effort(cause: str, after: Reading, loaded: LoadedRobot) -> tuple[Edit, ...]
 
 def _entries(signals: Signals, gains: Array) -> list[Gain]:
     """The gains as the robot file states them; those that are to be identified stay so."""
-    unknown = signals.unknown_gains or (False,) * len(gains)
+    gains = gains[signals.n_base :]
+    unknown = signals.unknown_gains[signals.n_base :] or (False,) * len(gains)
     rounded = (float(f"{x:.{FITTED_DIGITS}g}") for x in gains)
     return ["identify" if left else x for x, left in zip(rounded, unknown, strict=True)]
 

@@ -20,11 +20,20 @@ from steelyard.check.hypotheses.evidence_with_unknown_bodies import (
     body_map,
     payload_map,
 )
+from steelyard.check.hypotheses.floating_base_readings import BaseReading
 from steelyard.check.hypotheses.gravity_payload_and_delay import (
     COMPENSATED,
     gravity_directions,
     gravity_hypotheses,
     held_hypothesis,
+)
+from steelyard.check.hypotheses.hypotheses_and_their_scores import (
+    AS_DECLARED,
+    CLOSE_HYPOTHESES,
+    FITTED_NUMBER_COST,
+    Hypothesis,
+    choice_cost,
+    scored,
 )
 from steelyard.check.hypotheses.position_and_effort_hypotheses import (
     OtherEfforts,
@@ -34,16 +43,14 @@ from steelyard.check.hypotheses.position_and_effort_hypotheses import (
     position_changes,
     ratio_hypotheses,
 )
-from steelyard.check.hypotheses.readings_and_likelihood import (
-    AS_DECLARED,
-    CLOSE_HYPOTHESES,
-    FITTED_NUMBER_COST,
-    Hypothesis,
-    Key,
-    Likelihood,
-    Reading,
-    choice_cost,
-    scored,
+from steelyard.check.hypotheses.readings_and_likelihood import Key, Likelihood, Reading
+from steelyard.check.hypotheses.sensors_contacts_and_limbs import (
+    CONTACTS,
+    OF_BASE,
+    SENSOR_DELAY,
+    SENSOR_MOUNTING,
+    base_hypotheses,
+    sensor_late,
 )
 from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.estimate.prior.body_priors import model_prior
@@ -58,6 +65,8 @@ COMPARED_ANYWAY = ("effort unit", "effort kind")  # screening does not tell size
 LARGEST_FACTOR = 1000.0  # on one joint's effort: friction fits what is off by more
 HELD_SHARES = (1.0, 0.8, 0.6)  # of the nominal weight that efforts may lack beside a mounting
 SAME_FACTOR = 1.25  # factors on efforts up to which they are one
+SAME_TURN = np.cos(np.deg2rad(2.5))  # of the sensor of a floating base
+SAME_WRENCH = 1.1  # factors on wrenches up to which they are one
 SAME_UNIT = 10.0  # typical factors up to which they are of one unit
 SAME_DIRECTION = np.cos(np.deg2rad(8.0))  # of gravity
 LIKELY = 8.0  # log odds from which on what a reading says is doubtful
@@ -212,7 +221,8 @@ class Search:
         for base, changes in {base.key: (base, changes) for base, changes in bases}.values():
             rest = tuple(c for c in changes if c.cause != "mounting")
             own = undone(base, declared, "mounting")
-            turned = ((h.reading, (*rest, h)) for h in gravity_directions(own, search=False))
+            axes = gravity_directions(own, search=False) if own.base is None else ()
+            turned = ((h.reading, (*rest, h)) for h in axes)
             for (reading, before), share in product([(own, rest), *turned], HELD_SHARES):
                 held = held_hypothesis(reading, share)
                 yield held.reading, (*before, held)
@@ -226,7 +236,10 @@ class Search:
         """Log odds to the best explanation of factors on efforts beside it, each `(n,)`."""
         best = self.best
         cost = FITTED_NUMBER_COST + choice_cost(len(best.reading.effort))
-        found = self.of.of([best.reading.with_factors(one) for one in factors])
+        readings = [best.reading.with_factors(one) for one in factors]
+        if len(readings) > self.of.most:  # of many joints
+            return [self._rough(one) - self._rough(best.reading) - cost for one in readings]
+        found = self.of.of(readings)
         return [-np.inf if x is None else x.log - best.evidence.log - cost for x in found]
 
     def compare(self, tried: Iterable[Tried]) -> None:
@@ -260,11 +273,16 @@ class Search:
     def _refine_delay(self) -> None:
         for step in DELAY_STEPS:
             best = self.best
-            last = next((c for c in best.changes if c.cause == "effort delay"), None)
+            causes = ("effort delay", SENSOR_DELAY)
+            last = next((c for c in best.changes if c.cause in causes), None)
             if last is None:
                 return
             rest = tuple(c for c in best.changes if c is not last)
             for more in (-step, step):
+                if last.cause == SENSOR_DELAY and best.reading.base is not None:
+                    one = sensor_late(best.reading, best.reading.base.delay + more)
+                    self.compare([(one.reading, (*rest, one))])
+                    continue
                 reading = best.reading.changed(delay=best.reading.delay + more)
                 one = _late(reading, reading.delay - self.declared.reading.delay)
                 self.compare([(reading, (*rest, one))])
@@ -283,15 +301,17 @@ def _changes(start: Explanation, others: OtherEfforts) -> Iterator[Hypothesis]:
         sizes = np.abs(np.log(np.abs(factors)))
         if h.cause != "gain" or (np.ptp(factors) > 0.0 and sizes.max() < np.log(LARGEST_FACTOR)):
             yield h
-    yield from gravity_hypotheses(reading)
-    yield from gravity_directions(reading, search=start.poor)
+    if reading.base is None:
+        yield from gravity_hypotheses(reading)
+        yield from gravity_directions(reading, search=start.poor)
+    yield from base_hypotheses(reading)
     for h in position_changes(reading):
         # units of positions and time are found by other checks, without a model
         if h.cause in ("position sign", "joint order") and h.reading.keeps_evidence:
             every = h.cause == "position sign" and len(h.joints) == len(reading.position) > 1
             yield replace(h, cost=h.cost + CLOSE_HYPOTHESES * every)  # efforts are likelier
     yield from ratio_hypotheses(reading)
-    if reading.payload is None:
+    if reading.payload is None and reading.base is None:  # more than one limb may carry
         loaded = reading.changed(payload=np.zeros(10))
         says = "the last link carries something"
         yield Hypothesis("payload", says, loaded, FITTED_NUMBER_COST, ())
@@ -315,6 +335,9 @@ COPIED: dict[str, Callable[[Reading, Reading], Reading]] = {
     "mounting": lambda a, b: a.changed(gravity=b.gravity),
     "effort delay": lambda a, b: a.changed(delay=b.delay),
     "payload": lambda a, b: a.changed(payload=b.payload),
+    SENSOR_MOUNTING: lambda a, b: _base(a, b, "turn"),
+    SENSOR_DELAY: lambda a, b: _base(a, b, "delay"),
+    CONTACTS: lambda a, b: _base(a, b, "contacts", "factors", "in_world"),
 } | dict.fromkeys(
     FACTOR_CAUSES,
     lambda a, b: a.changed(
@@ -326,6 +349,13 @@ COPIED: dict[str, Callable[[Reading, Reading], Reading]] = {
     ),
 )
 """What a reading becomes if what it says of a cause is replaced by what another one says."""
+
+
+def _base(a: Reading, b: Reading, *names: str) -> Reading:
+    """A reading with what another one says of its base."""
+    if a.base is None or b.base is None:
+        return a
+    return a.changed(base=a.base.changed(**{name: getattr(b.base, name) for name in names}))
 
 
 def undone(reading: Reading, declared: Reading, cause: str) -> Reading:
@@ -350,6 +380,8 @@ def alike(cause: str, a: Reading, b: Reading) -> bool:
         return abs(a.delay - b.delay) < DELAY_STEPS[0]
     if cause == "payload":
         return (a.payload is None) == (b.payload is None)
+    if cause in OF_BASE:
+        return a.base is None or b.base is None or _alike_base(cause, a.base, b.base)
     if cause == "effort kind" and COMPENSATED in (a.kind, b.kind):
         return a.kind == b.kind
     if cause in FACTOR_CAUSES:
@@ -360,6 +392,15 @@ def alike(cause: str, a: Reading, b: Reading) -> bool:
         same = cause == "gain" or a.kind == b.kind
         return bool(same and np.all(np.abs(far - typical) < np.log(SAME_FACTOR)))
     return a.key == b.key
+
+
+def _alike_base(cause: str, a: BaseReading, b: BaseReading) -> bool:
+    if cause == SENSOR_DELAY:
+        return abs(a.delay - b.delay) < DELAY_STEPS[-1]
+    if cause == SENSOR_MOUNTING:
+        return bool(np.trace(a.turn.T @ b.turn) > 1.0 + 2.0 * SAME_TURN)
+    same = (a.contacts, a.in_world) == (b.contacts, b.in_world)
+    return bool(same and np.isclose(a.factors, b.factors, rtol=SAME_WRENCH - 1.0).all())
 
 
 def mirror(reading: Reading) -> Reading:

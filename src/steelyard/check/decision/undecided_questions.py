@@ -119,13 +119,17 @@ def _gains(search: Search, misfit: str) -> str:
     """Joints whose gain may be another one, at equal evidence."""
     names = search.best.reading.likelihood.names
     seen = search.best.evidence.counts > 0.0
+    seen[: search.best.reading.likelihood.joints.start] = False  # a base has no motors
     one = np.eye(len(names))[seen]
-    odds = np.array(search.odds_of_factors([*OTHER_GAIN**one, *OTHER_GAIN**-one])).reshape(2, -1)
+    factors = [*OTHER_GAIN**one, *OTHER_GAIN**-one]
+    odds = np.array(search.odds_of_factors(factors)).reshape(2, -1)
     answered = seen.copy()
     answered[seen] = odds.max(axis=0, initial=-np.inf) <= -ANSWERED
-    weak = [name for name, sure in zip(names, answered, strict=True) if not sure]
+    joints = search.best.reading.likelihood.joints
+    weak = [names[j] for j in joints if not answered[j]]
     if not weak:
         return ""
+    names = names[joints.start :]
     rest = ", ".join(f"'{name}'" for name in names if name not in weak)
     if not rest:
         return f"undecided: {misfit} also with very different gains"

@@ -43,16 +43,21 @@ from steelyard.check.decision.search_with_unknown_bodies import (
 )
 from steelyard.check.finding import Severity
 from steelyard.check.hypotheses.gravity_payload_and_delay import axis_near, delay_hypotheses
+from steelyard.check.hypotheses.hypotheses_and_their_scores import (
+    CLOSE_HYPOTHESES,
+    FITTED_NUMBER_COST,
+    Hypothesis,
+)
 from steelyard.check.hypotheses.nuisance_fit_and_score import MISFIT_FLOOR, LikelihoodScore
 from steelyard.check.hypotheses.position_and_effort_hypotheses import (
     factor_intervals,
     holds_factors,
 )
-from steelyard.check.hypotheses.readings_and_likelihood import (
-    CLOSE_HYPOTHESES,
-    FITTED_NUMBER_COST,
-    Hypothesis,
-    Reading,
+from steelyard.check.hypotheses.readings_and_likelihood import Reading
+from steelyard.check.hypotheses.sensors_contacts_and_limbs import (
+    CONTACTS,
+    OF_BASE,
+    SENSOR_MOUNTING,
 )
 from steelyard.check.hypotheses.signs_and_delay_by_friction import no_common_delay, presliding_score
 from steelyard.estimate.payload.runs_with_payload import carrier
@@ -129,7 +134,8 @@ def _by_reference(found: LogVerdict) -> LogVerdict:
             break
         winners.append((winner, severity))
         before = winner
-    if all(w.cause != "effort delay" for w, _ in winners):
+    floats = before.reading.base is not None
+    if not floats and all(w.cause != "effort delay" for w, _ in winners):
         judged = len(winners)
         rest = found.rounds[judged] if judged < len(found.rounds) else None
         for late in delay_hypotheses(before.reading) if rest is None else rest:
@@ -211,7 +217,7 @@ def _by_evidence(found: LogVerdict, search: Search, others: Mapping[str, Search]
             explained = best.evidence.percent <= ROUGH_MISFIT and not best.reading.held
             if cause in ORDER_AND_SIGNS and explained and _contested(search, cause):
                 continue  # `one_of_several` says what the explanations are
-            sure = odds >= SURE and explained and hypothesis.fixed
+            sure = odds >= SURE and explained and (hypothesis.fixed or cause in OF_BASE)
             hypothesis = replace(hypothesis, odds=odds)
             one, severity = _judged_part(search, hypothesis, odds, sure)
             # a log that is as declared may have been recorded otherwise; its edits are its own
@@ -295,9 +301,8 @@ def _causes(search: Search) -> list[str]:
     best, declared = search.best, search.declared.reading
     factors = [c.cause for c in best.changes if c.cause in FACTOR_CAUSES][-1:]
     listed = ("joint order", "position sign", "effort sign", *factors, "mounting")
-    causes = [
-        c for c in (*listed, "effort delay", "payload") if not alike(c, best.reading, declared)
-    ]
+    others = ("effort delay", "payload", *OF_BASE)
+    causes = [c for c in (*listed, *others) if not alike(c, best.reading, declared)]
     if not best.reading.gravity.any():  # efforts are gravity compensated
         causes = [c for c in causes if c != "mounting"]
     return causes
@@ -371,6 +376,11 @@ def _part(search: Search, cause: str, said_by: Explanation | None = None) -> Hyp
         if fitted and np.any(factors != 1.0) and cause == "effort kind":
             one = replace(one, says=factor_words(undone(best.reading, declared, cause)))
         return replace(one, fixed=not fitted)
+    if cause == SENSOR_MOUNTING:  # a turn that is fitted to the nominal bodies is not exact
+        return replace(one, fixed=all(c.cost < FITTED_NUMBER_COST for c in own))
+    if cause == CONTACTS and best.reading.base is not None and declared.base is not None:
+        # no line of a robot file changes sizes or signs of forces
+        return replace(one, fixed=np.array_equal(best.reading.base.factors, declared.base.factors))
     if cause == "effort delay":
         return one if _late(undone(best.reading, declared, cause), one) else None
     if cause == "payload":
@@ -435,14 +445,15 @@ def _judged_part(search: Search, one: Hypothesis, odds: float, sure: bool) -> Ju
         far = (low > HEAVIEST_FACTOR) & np.isfinite(high) | (high < 1 / HEAVIEST_FACTOR) & (low > 0)
         sure = odds >= SURE and not one.reading.held and (one.fixed or bool(most or far.any()))
         return one, Severity.WRONG if sure else Severity.DOUBTFUL
-    return replace(one, fixed=sure), Severity.WRONG if sure else Severity.DOUBTFUL
+    return replace(one, fixed=sure and one.fixed), Severity.WRONG if sure else Severity.DOUBTFUL
 
 
 def _written(best: Reading, declared: Reading, winners: Sequence[Judged]) -> Reading:
     """The best reading with what is not written as it is declared."""
     reading = best
     written = {hypothesis.cause for hypothesis, _ in winners if hypothesis.fixed}
-    for cause in ("joint order", "position sign", "effort sign", "mounting", "effort delay"):
+    order_and_signs = ("joint order", "position sign", "effort sign")
+    for cause in (*order_and_signs, "mounting", "effort delay", *OF_BASE):
         if cause not in written and not (cause == "mounting" and not best.gravity.any()):
             reading = undone(reading, declared, cause)
     if not written & set(FACTOR_CAUSES):

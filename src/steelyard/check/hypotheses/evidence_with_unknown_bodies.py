@@ -83,24 +83,36 @@ class Evidence:
 
 @dataclass(frozen=True, eq=False)
 class _Products:
-    """Products of samples of one motion under one gravity, in the logged base unit."""
+    """Products of samples of one motion under one gravity, in the logged base unit.
 
-    yy: Array  # columns of bodies, a joint's own and the nominal weight, `(n, K + 1, K + 1)`
+    The last column is the nominal weight, or with a floating base what contacts take over.
+    """
+
+    yy: Array  # columns of bodies, a joint's own and that, `(n, K + 1, K + 1)`
     ye: Array  # of these with all effort columns, shape `(n, K + 1, n)`
     ee: Array  # squares of effort columns where the joint moves, shape `(n, n)`
     count: Array  # independent samples, shape `(n,)`
+    carried: Array | float = 0.0  # mean squares of what single bodies do to a floating base, `(n,)`
 
     def logged(self, reading: Reading) -> tuple[Array, Array, Array]:
-        """Products of columns with each joint's effort `(n, K)`, its squares, and those logged."""
+        """Products of columns with each joint's effort `(n, K)`, its squares, and those logged.
+
+        With a floating base the last ones are of logged efforts and of contacts beside each other.
+        """
         joints, effort, s = np.arange(len(self.ee)), list(reading.effort), reading.effort_scale
         ye, ee = self.ye[joints, :, effort] * s[:, None], self.ee[joints, effort] * s**2
-        held = reading.held * self.yy[:, -1]
-        return (ye + held)[:, :-1], ee + reading.held * (2.0 * ye[:, -1] + held[:, -1]), ee
+        share = reading.held if reading.base is None else 1.0
+        held = share * self.yy[:, -1]
+        squares = ee + share * (2.0 * ye[:, -1] + held[:, -1])
+        if reading.base is not None:
+            ee = ee + held[:, -1] + self.carried
+        return (ye + held)[:, :-1], squares, ee
 
     def nominal(self, reading: Reading) -> Array:
         """Root mean square effort of each joint by the nominal bodies, shape `(n,)`."""
         bodies = nominal_bodies(self.yy.shape[1] // 10)
-        one = np.concatenate((bodies, np.zeros(NUISANCES), [-reading.held]))
+        held = reading.held if reading.base is None else 0.0
+        one = np.concatenate((bodies, np.zeros(NUISANCES), [-held]))
         return np.asarray(np.sqrt(np.maximum(self.yy @ one @ one, 0.0)))
 
     def with_columns(self, combined: Array) -> "_Products":
@@ -142,6 +154,8 @@ class EvidenceOfLog:
         self._carried[part] = np.linalg.solve(self._map[part, part], payload_map(robot))
         count = len(self._map) + NUISANCES + 1
         self.most = max(LEAST_SCREENED, int(MOST_WORK / len(self._map) ** 3))
+        if robot.floating:  # there are more readings, and the base's rows tell them apart
+            self.most = LEAST_SCREENED
         self._room = max(1, ROOM // (8 * robot.n * count**2))
         self._products: dict[Key, _Products | None] = {}
         self._rough: dict[Key, Evidence | None] = {}
@@ -224,6 +238,8 @@ class EvidenceOfLog:
         motion = (*reading.of_motion, np.round(reading.gravity, 6).tobytes(), reading.held > 0.0)
         if reading.likelihood.signals.effort_map is not None:
             motion += (reading.ratios.tobytes(),)
+        if reading.base is not None:
+            motion += (reading.held,)
         key = (*motion, reading.delay)
         if key not in self._products:
             if self._columns is None or self._columns[0] != motion:
@@ -238,7 +254,9 @@ class EvidenceOfLog:
         """Columns of products, `(n, K + 1, N)`, the last 0 if not asked; where joints move."""
         y, moving = reading.columns()
         weight = np.zeros_like(y[:, :1])
-        if reading.held:
+        if reading.base is not None:
+            weight = (reading.pushed(*reading.motion()) * moving)[:, None]
+        elif reading.held:
             pulls = reading.into_logged() @ reading.knowledge.pulls(reading.motion()[0])
             weight = np.tensordot(reading.gravity, pulls, 1)[:, None] * moving[:, None]
         bodies = _body_columns(reading) * moving[:, None]
@@ -255,7 +273,8 @@ class EvidenceOfLog:
         ye = columns @ efforts.T / seen
         ee = moving @ np.square(efforts).T / seen[..., 0]
         count = moving.sum(axis=1) * self._log.excerpt.worth
-        return _Products(yy, ye, ee, np.where(count >= LEAST_SAMPLE_COUNT, count, 0.0))
+        count = np.where(count >= LEAST_SAMPLE_COUNT, count, 0.0)
+        return _Products(yy, ye, ee, count, self._log.carried)
 
 
 def _mixed(nominal: Evidence | None, sized: Evidence | None) -> Evidence | None:
@@ -330,14 +349,17 @@ def _averaged(
 def rows_of(reading: Reading) -> tuple[Array, Array, Array]:
     """Columns of bodies and nuisances `(n, N, k)`, efforts and where joints move `(n, N)`.
 
-    NaN where the states are impossible.
+    Those of contacts are among the efforts. NaN where the states are impossible.
     """
     y, moving = reading.columns()
     joints, own = np.arange(len(moving)), np.zeros((*moving.shape, len(moving), NUISANCES))
     own[joints, :, joints] = y[:, :NUISANCES].swapaxes(1, 2)
     free = _body_columns(reading).swapaxes(1, 2) * moving[..., None]
     columns = np.concatenate((free, own.reshape(*moving.shape, -1)), axis=-1)
-    return columns, reading.efforts() * moving, moving
+    efforts = reading.efforts()
+    if reading.base is not None:
+        efforts = efforts + reading.pushed(*reading.motion())
+    return columns, efforts * moving, moving
 
 
 def _body_columns(reading: Reading) -> Array:

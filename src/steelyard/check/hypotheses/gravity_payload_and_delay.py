@@ -13,18 +13,18 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.check.cases_and_checks import remembered
 from steelyard.check.hypotheses.evidence_with_unknown_bodies import rows_of
+from steelyard.check.hypotheses.hypotheses_and_their_scores import (
+    FITTED_NUMBER_COST,
+    Hypothesis,
+    choice_cost,
+    likeliest,
+)
 from steelyard.check.hypotheses.nuisance_fit_and_score import (
     MISFIT_FLOOR,
     SHARP_DELAY_FLOOR,
     shared_fit,
 )
-from steelyard.check.hypotheses.readings_and_likelihood import (
-    FITTED_NUMBER_COST,
-    Hypothesis,
-    Reading,
-    choice_cost,
-    likeliest,
-)
+from steelyard.check.hypotheses.readings_and_likelihood import Reading
 from steelyard.estimate.payload.runs_with_payload import carrier
 from steelyard.robot.inertia_and_placement import Inertia
 

@@ -14,7 +14,10 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
+from steelyard.check.hypotheses.floating_base_readings import BaseSamples, orthonormal
+from steelyard.robot.file.signals import BaseSignals
 from steelyard.runs.first_pass_over_recording import FalseStretches
+from steelyard.runs.floating_base import rotations
 from steelyard.runs.processing_choices import Processing, cutoffs
 from steelyard.runs.recording import Recording
 from steelyard.runs.rows.clock_and_row_scan import (
@@ -56,6 +59,9 @@ class Excerpt:
     cutoff: float  # of the low-pass [Hz]
     log_rate: float  # rows per second of the log [Hz]
     origin: float  # time of the log's start [s]
+    base: BaseSamples | None = None  # what else is logged of a floating base
+    source: "Excerpt | None" = None  # that it is every `stride`-th sample of
+    stride: int = 1
 
     @cached_property
     def span(self) -> Array:
@@ -84,19 +90,39 @@ class Excerpt:
         if step == 1:
             return self
         arrays = {k: getattr(self, k)[..., ::step] for k in ("t", "stretch", "z", "dz", "ddz", "e")}
-        return replace(self, **arrays, rate=self.rate / step)
+        base = None if self.base is None else self.base.thinned(step)
+        return replace(
+            self,
+            **arrays,
+            rate=self.rate / step,
+            base=base,
+            source=self.source or self,
+            stride=self.stride * step,
+        )
+
+    def of_base(self, rows: int, delay: float) -> tuple[Array, Array, Array]:
+        """The first rows of `z`, `dz` and `ddz` as they would have been logged so much earlier."""
+        whole, at = self.source or self, slice(None, None, self.stride)
+        z, dz, ddz = (
+            whole.earlier(x[:rows], [delay])[0][:, at] for x in (whole.z, whole.dz, whole.ddz)
+        )
+        return z, dz, ddz
 
     def later(self, delays: Sequence[float]) -> Array:
         """Efforts as they would have been logged so much earlier, shape `(delays, n, B)`."""
+        return self.earlier(self.e, delays)
+
+    def earlier(self, x: Array, delays: Sequence[float]) -> Array:
+        """Signals `(any, B)` as they would have been logged so much earlier, `(delays, any, B)`."""
         if not any(delays):
-            return np.broadcast_to(self.e, (len(delays), *self.e.shape))
+            return np.broadcast_to(x, (len(delays), *x.shape))
         from scipy.interpolate import CubicSpline
 
-        found = np.empty((len(delays), *self.e.shape))
+        found = np.empty((len(delays), *x.shape))
         for number in np.unique(self.stretch):
             at = np.flatnonzero(self.stretch == number)
             t = self.t[at]
-            spline = CubicSpline(t, self.e[:, at], axis=1)
+            spline = CubicSpline(t, x[:, at], axis=1)
             wanted = np.clip(t + np.asarray(delays)[:, None], t[0], t[-1])
             found[:, :, at] = np.moveaxis(spline(wanted), 0, 1)
         return found
@@ -124,7 +150,50 @@ def excerpt_of(
     except LogError:
         return None
     cutoff = min(cutoff, 0.2 * rate)
-    return _collected(bare, segments, rate, cutoff, origin)
+    found = _collected(bare, segments, rate, cutoff, origin)
+    if found is None or signals.base is None:
+        return found
+    return replace(found, base=_base_samples(bare, signals.base, found))
+
+
+def _base_samples(recording: Recording, base: BaseSignals, excerpt: Excerpt) -> BaseSamples:
+    """Wrenches of contacts and axes of the base at the samples of an excerpt."""
+    orientation, rate = base.orientation, excerpt.log_rate
+    found = np.zeros((len(base.contacts), 6, len(excerpt.t)))
+    if not orientation and not base.pushes:
+        return BaseSamples(found, None)
+    rows = _rows_around(recording, (*orientation, *base.pushes), excerpt)
+    t, x = rows[:, 0], rows[:, 1 + len(orientation) :]
+    if orientation:
+        logged = rotations(rows[:, 1 : 1 + len(orientation)], base.orientation_kind)
+        axes = logged @ np.reshape(base.axes, (3, 3)).T
+        x = np.column_stack((axes.reshape(len(axes), 9), x))
+    good = np.isfinite(t) & np.isfinite(x).all(axis=1)
+    t, x = t[good], x[good]
+    t, first = np.unique(t, return_index=True)
+    grid = np.arange(t[0], t[-1], 1.0 / rate)
+    even = np.array([np.interp(grid, t, column[first]) for column in x.T])
+    smooth = np.concatenate([part[0] for part in apply(low_pass(excerpt.cutoff, rate), [even])], -1)
+    at = np.array([np.interp(excerpt.t, grid, channel) for channel in smooth])
+    start = 9 * bool(orientation)
+    for number, contact in enumerate(base.contacts):
+        stop = start + len(contact.columns)
+        found[number, : len(contact.columns)] = at[start:stop]
+        start = stop
+    turned = orthonormal(at[:9].T.reshape(-1, 3, 3)) if orientation else None
+    return BaseSamples(found, turned)
+
+
+def _rows_around(recording: Recording, columns: Sequence[str], excerpt: Excerpt) -> Array:
+    """Time from the log's start, and columns, in the time of an excerpt, `(N, 1 + columns)`."""
+    scale, found = recording.signals.time_scale, list[Array]()
+    around = START_UP / excerpt.cutoff
+    for part in recording.log.parts((recording.signals.time, *columns)):
+        rows = part.copy()
+        rows[:, 0] = scale * rows[:, 0] - excerpt.origin
+        near = (rows[:, 0] > excerpt.t[0] - around) & (rows[:, 0] < excerpt.t[-1] + around)
+        found.append(rows[near])
+    return np.concatenate(found)
 
 
 def _segments(

@@ -18,19 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Z95, Array
-from steelyard.check.hypotheses.nuisance_fit_and_score import LEAST_SAMPLE_COUNT, EffortProducts
-from steelyard.check.hypotheses.readings_and_likelihood import (
+from steelyard.check.hypotheses.hypotheses_and_their_scores import (
     CLOSE_HYPOTHESES,
     FITTED_NUMBER_COST,
     SAMPLE_BATCH,
     ZOOMED_POINTS,
     Hypothesis,
-    Likelihood,
-    Reading,
     choice_cost,
     likeliest,
     scored,
 )
+from steelyard.check.hypotheses.nuisance_fit_and_score import LEAST_SAMPLE_COUNT, EffortProducts
+from steelyard.check.hypotheses.readings_and_likelihood import Likelihood, Reading
 from steelyard.estimate.nonlinear.nonlinear_parameters import LOOSEST
 from steelyard.robot.robot import Robot
 
@@ -43,15 +42,15 @@ REFINED_HYPOTHESES = 12  # how many of the best of them are looked at again
 
 def position_changes(reading: Reading) -> Iterator[Hypothesis]:
     """One change each, not scored: a sign, two joints exchanged, a unit of positions or of time."""
-    names = reading.likelihood.names
-    n = len(names)
-    for j, name in enumerate(names):
-        yield _turned(reading, (j,), f"'{name}' has the opposite sign", choice_cost(n))
+    names, joints = reading.likelihood.names, reading.likelihood.joints
+    n = len(joints)
+    for j in joints:
+        yield _turned(reading, (j,), f"'{names[j]}' has the opposite sign", choice_cost(n))
     if n > 1:
         says = "all positions have the opposite sign"
-        yield _turned(reading, tuple(range(n)), says, choice_cost(n))
-    for a, b in combinations(range(n), 2):
-        order = list(range(n))
+        yield _turned(reading, tuple(joints), says, choice_cost(n))
+    for a, b in combinations(joints, 2):
+        order = list(range(len(names)))
         order[a], order[b] = b, a
         pair = f"'{names[a]}' and '{names[b]}'"
         for both, whose in ((False, f"positions of {pair}"), (True, pair)):
@@ -62,7 +61,7 @@ def position_changes(reading: Reading) -> Iterator[Hypothesis]:
 def deep_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
     """The best of all signs and of all orders."""
     n = len(reading.position)
-    if not 2 < n <= MOST_PERMUTED_JOINTS:
+    if reading.base is not None or not 2 < n <= MOST_PERMUTED_JOINTS:
         return
     coarse = reading.on(reading.likelihood.thinned(COARSE_SAMPLES, COARSE_SWEEPS))
     signs, orders = [], []
@@ -101,7 +100,7 @@ def _units(reading: Reading) -> Iterator[Hypothesis]:
     coordinates = reading.knowledge.robot.coordinates
     n = len(coordinates)
     for kind, units in OTHER_POSITION_UNITS.items():
-        mine = [j for j, c in enumerate(coordinates) if c.kind == kind]
+        mine = [j for j in reading.likelihood.joints if coordinates[j].kind == kind]
         sets = [tuple(mine), *((j,) for j in mine)] if len(mine) > 1 else [tuple(mine)]
         for joints, (unit, scale) in product(filter(None, sets), units.items()):
             who = "positions" if len(joints) > 1 else f"'{coordinates[joints[0]].name}'"
@@ -236,7 +235,8 @@ def ratio_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
     if log.signals.position_map is None:
         return
     cost = choice_cost(log.signals.n) + FITTED_NUMBER_COST
-    for joint, name in enumerate(log.names):
+    for joint in log.joints:
+        name = log.names[joint]
         factors = np.geomspace(1.0 / LARGEST_RATIO_FACTOR, LARGEST_RATIO_FACTOR, RATIO_GRID)
         mine = np.arange(log.signals.n) == joint
         for _ in range(RATIO_ROUNDS):
@@ -275,11 +275,12 @@ def effort_hypotheses(reading: Reading, others: OtherEfforts) -> Iterator[Hypoth
     """All of them, for the positions of a reading."""
     names, units = reading.likelihood.names, reading.likelihood.signals.effort_units
     n = len(names)
-    every = tuple(range(n))
+    joints = reading.likelihood.joints
+    every = tuple(joints)
     yield from _effort_factors(reading, _effort_signs(reading.likelihood), "effort sign")
     amperes = "A" in units and np.max(np.abs(reading.effort_scale)) >= 1.0
     thousands = {  # nobody logs kiloamperes
-        f"efforts are logged in a unit {says}": np.full(n, f)
+        f"efforts are logged in a unit {says}": reading.likelihood.among_joints(np.full(n, f))
         for says, f in THOUSAND.items()
         if f < 1.0 or not amperes
     }
@@ -288,17 +289,20 @@ def effort_hypotheses(reading: Reading, others: OtherEfforts) -> Iterator[Hypoth
         cost = choice_cost(4)
         yield from _effort_factors(reading, {says: factors}, "effort kind", cost, every, kind)
     best, seen = best_factors(reading), reading.sums.count[0] > 0.0
-    for j, name in enumerate(names):
-        own = {f"effort of '{name}' times {best[j]:.3g}": np.where(np.arange(n) == j, best, 1.0)}
+    for j in joints:
+        says = f"effort of '{names[j]}' times {best[j]:.3g}"
+        own = {says: np.where(np.arange(n) == j, best, 1.0)}
         yield from _effort_factors(reading, own, "gain", choice_cost(n) + FITTED_NUMBER_COST, (j,))
+    seen[: every[0]] = False
     common = float(np.exp(np.median(np.log(best[seen])))) if seen.any() else 1.0
     units_off = min(abs(np.log(common / unit)) for unit in (*THOUSAND.values(), 1.0))
     if units_off > np.log(OTHER_GAIN_FACTOR):
-        every_one = {f"all efforts times {common:.3g}": np.full(n, common)}
+        of_all = reading.likelihood.among_joints(np.full(n, common))
+        every_one = {f"all efforts times {common:.3g}": of_all}
         yield from _effort_factors(reading, every_one, "gain", FITTED_NUMBER_COST, every)
     known, other_than_one = _identifiable(reading, best)
     factors = np.where(other_than_one, best, 1.0)
-    blind = ", ".join(f"'{names[j]}'" for j in np.flatnonzero(~known))
+    blind = ", ".join(f"'{names[j]}'" for j in joints if not known[j])
     far = ", ".join(
         f"'{names[j]}' times {factors[j]:.3g}"
         for j in np.flatnonzero(known & (np.abs(np.log(factors)) > np.log(FAR_GAIN)))
@@ -312,11 +316,15 @@ def effort_hypotheses(reading: Reading, others: OtherEfforts) -> Iterator[Hypoth
 
 def _effort_signs(likelihood: Likelihood) -> dict[str, Array]:
     """The opposite sign of all efforts, and of each; without a reference, of those with a gain."""
-    names = likelihood.names
-    n, unknown = len(names), likelihood.signals.unknown_gains
-    stated = [likelihood.knowledge.identified or not unknown or not unknown[j] for j in range(n)]
+    names, joints = likelihood.names, likelihood.joints
+    n, unknown, known = (
+        len(names),
+        likelihood.signals.unknown_gains,
+        likelihood.knowledge.identified,
+    )
+    stated = [j in joints and (known or not unknown or not unknown[j]) for j in range(n)]
     found = {"all efforts have the opposite sign": np.where(stated, -1.0, 1.0)}
-    for j in np.flatnonzero(stated if n > 1 else [False]):
+    for j in np.flatnonzero(stated if len(joints) > 1 else [False]):
         turned = np.where(np.arange(n) == j, -1.0, 1.0)
         found[f"effort of '{names[j]}' has the opposite sign"] = turned
     return found if any(stated) else {}
@@ -347,7 +355,8 @@ def best_factors(reading: Reading) -> Array:
         best = grid[np.argmin(reading.with_efforts(grid).misfits, axis=0), np.arange(n)]
         step = (grid[1] / grid[0]) ** 1.5
         factors = best * np.geomspace(1.0 / step, step, GAIN_GRID)
-    return np.where(reading.sums.count[0] > 0.0, best, 1.0)
+    found: Array = np.where(reading.sums.count[0] > 0.0, best, 1.0)
+    return reading.likelihood.among_joints(found)
 
 
 def _identifiable(reading: Reading, factors: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -374,6 +383,7 @@ def factor_intervals(reading: Reading) -> tuple[Array, Array, Array]:
     misfits = reading.with_efforts(steps[:, None] * best).misfits
     near = misfits <= WORSE_MISFIT_FACTOR * misfits.min(axis=0) + 0.01
     near[:, reading.sums.count[0] <= 0.0] = True
+    near[:, : reading.likelihood.joints.start] = True
     wide = 1.0 if reading.knowledge.identified else MODEL_FILE_FACTOR
     low, high = steps[near.argmax(axis=0)] / wide, steps[::-1][near[::-1].argmax(axis=0)] * wide
     return best, np.where(near[0], 0.0, best * low), np.where(near[-1], np.inf, best * high)
@@ -390,12 +400,13 @@ def _effort_orders(reading: Reading) -> Iterator[Hypothesis]:
     """The order of effort columns that agrees best, found as an assignment."""
     from scipy.optimize import linear_sum_assignment
 
-    n = len(reading.effort)
-    if n < 2:
+    n, joints = len(reading.effort), reading.likelihood.joints
+    if len(joints) < 2:
         return
     score = reading.with_efforts(np.ones((n, n)), np.tile(np.arange(n)[:, None], (1, n)))
-    costs = score.counts * np.log(np.square(score.misfits) + 1e-3)
-    order = tuple(int(c) for c in linear_sum_assignment(costs.T)[1])
+    costs = (score.counts * np.log(np.square(score.misfits) + 1e-3))[joints.start :, joints.start :]
+    order = tuple(joints.start + int(c) for c in linear_sum_assignment(costs.T)[1])
+    order = (*range(joints.start), *order)
     changed = reading.changed(effort=order)
     if order == reading.effort or not changed.keeps_evidence:
         return
@@ -418,7 +429,7 @@ def best_combinations(likelihood: Likelihood) -> list[Hypothesis]:
     signs of positions for the likeliest of these.
     """
     declared, n = likelihood.thinned(COARSE_SAMPLES).declared, likelihood.signals.n
-    if not 2 <= n <= MOST_PERMUTED_JOINTS:
+    if declared.base is not None or not 2 <= n <= MOST_PERMUTED_JOINTS:
         return []
     own, *others = permutations(range(n))
     orders = [(own, effort) for effort in (own, *others)]

@@ -289,10 +289,12 @@ def _dead_stretches(case: Case, log: CheckedLog) -> list[tuple[int, str]]:
 def _noise_facts(case: Case, overview: SignalOverview, noise: Array, units: tuple[str, ...]) -> str:
     c = overview.channels
     q, positions = noise_of(overview.q), case.loaded.robot.coordinates
-    worst, loudest = int(np.argmax(q)), int(np.argmax(noise))
+    worst = c.base + int(np.argmax(q[c.base :]))
+    loudest = c.base + int(np.argmax(noise[c.base :]))
+    steps = overview.resolution[c.encoders], overview.resolution[c.effort][c.base :]
     return (
-        f"positions: steps {_range(overview.resolution[c.q])}, noise up to {q[worst]:.1g} "
-        f"{positions[worst].unit}; efforts: steps {_range(overview.resolution[c.effort])}, "
+        f"positions: steps {_range(steps[0])}, noise up to {q[worst]:.1g} "
+        f"{positions[worst].unit}; efforts: steps {_range(steps[1])}, "
         f"noise up to {noise[loudest]:.2g} {units[loudest]} ({case.joints[loudest]})"
     )
 

@@ -202,7 +202,7 @@ def unit_value(
     if not names.issuperset(units):
         said = [unit if unit in names else float(unit) for unit in units]
         return said[0] if len(set(units)) == 1 else said
-    kinds = [c.kind for c in case.loaded.robot.coordinates]
+    kinds = [c.kind for c in case.loaded.robot.coordinates][-len(units) :]
     usual = {kind: next(iter(of_kind)) for kind, of_kind in known.items()}
     for one in dict.fromkeys(units):
         kind = kinds[units.index(one)]
@@ -223,10 +223,13 @@ def unit_reading(case: Case, checked: CheckedLog) -> UnitReading:
     looked = min(seconds.values(), key=lambda s: (step_cost(overview.step * s), s != 1.0))
     agreed = None if logged is None else velocity_agreement(overview, logged[1], looked)
     facts = _facts(case, checked, looked, agreed)
-    groups = [[f for f in facts if f.coordinate.kind == kind] for kind in USUAL_SPEED]
+    joints_facts = facts[signals.n_base :]
+    groups = [[f for f in joints_facts if f.coordinate.kind == kind] for kind in USUAL_SPEED]
     found = []
     for unit, second in seconds.items():
-        read: dict[JointFacts, JointReading] = {}
+        # what is logged of a floating base has units of its own
+        of_base = facts[: signals.n_base]
+        read = {f: f.declared(second / looked) for f in of_base}
         for group in groups:
             own = tuple(f.cheapest(second / looked) for f in group)
             # logs hardly ever mix units of joints of one kind: they are believed only if the same
@@ -280,6 +283,9 @@ def _facts(
     low, high = np.zeros((2, n))
     if len(overview.q):
         low, high = np.quantile(overview.q, [0.005, 0.995], axis=0)
+    moving, base = slope.moving.copy(), slice(0, signals.n_base)
+    low[base] = high[base] = fast[base] = 0.0
+    moving[base] = False
     scale = np.full(n, np.nan)
     if agreed is not None:
         scale = np.where(agreed.reliable_joints, agreed.scale, np.nan)
@@ -300,7 +306,7 @@ def _facts(
                 float(low[joint]),
                 float(high[joint]),
                 float(fast[joint]),
-                bool(slope.moving[joint]),
+                bool(moving[joint]),
                 float(scale[joint]),
                 _relative(float(signals.position_scale[joint]), of_position),
                 {} if agreed is None else rates,
@@ -337,5 +343,6 @@ def driven_joints(case: Case, checked: CheckedLog) -> NDArray[np.bool_]:
     if slope.v.shape[1] == 0:
         return slope.moving
     scale = np.array([joint.position_scale for joint in joints])
-    speed = np.sqrt(np.square(slope.v).mean(axis=1)) * scale * slope.moving
-    return np.asarray(slope.moving & (speed >= DRAGGED_SPEED_SHARE * speed.max()))
+    moving = slope.moving & (np.arange(len(scale)) >= checked.channels.base)
+    speed = np.sqrt(np.square(slope.v).mean(axis=1)) * scale * moving
+    return np.asarray(moving & (speed >= DRAGGED_SPEED_SHARE * speed.max()))

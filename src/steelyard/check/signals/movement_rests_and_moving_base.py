@@ -17,6 +17,7 @@ from steelyard.check.signals.motion_units import driven_joints, motion_in_units,
 from steelyard.check.signals.usable_rows import SLOPE_ENDS, width_of
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.init.column_names import words_of
+from steelyard.robot.robot import Coordinate
 from steelyard.runs.spectrum_and_period import motion_band
 
 LITTLE_RANGE = {"revolute": 0.05, "prismatic": 0.01}
@@ -39,7 +40,7 @@ def excitation_check(case: Case) -> Iterable[Finding]:
         return
     moves = np.any([moves for _, moves, _ in motions], axis=0)
     still = np.flatnonzero(~moves)
-    names = tuple(case.joints[j] for j in still)
+    names = tuple(case.joints[case.loaded.robot.n_base :][j] for j in still)
     figure = f"{np.count_nonzero(moves)} of {len(moves)} joints move"
     if not names:
         yield Finding.ok("every joint moves", figure)
@@ -56,9 +57,9 @@ def excitation_check(case: Case) -> Iterable[Finding]:
 def _excitation_found(
     case: Case, reach: Array, moves: NDArray[np.bool_], band: Array, alone: bool
 ) -> Finding:
-    coordinates, still = case.loaded.robot.coordinates, np.flatnonzero(~moves)
+    coordinates, still = _joints(case), np.flatnonzero(~moves)
     bound = np.array([LITTLE_RANGE[c.kind] for c in coordinates])
-    names = tuple(case.joints[j] for j in still)
+    names = tuple(coordinates[j].name for j in still)
     severity, says, fix = Severity.OK, "no joint moves", None
     if len(still) and (alone or not moves.any()):
         severity = Severity.DOUBTFUL if moves.any() or not alone else Severity.WRONG
@@ -72,7 +73,7 @@ def _excitation_found(
     return Finding.of(
         severity,
         says,
-        f"{case.joints[least]} moves least: range {reach[least]:.2g} {unit}, at least "
+        f"{coordinates[least].name} moves least: range {reach[least]:.2g} {unit}, at least "
         f"{bound[least]:g} {unit} required",
         joints=names if severity else (),
         fix=fix,
@@ -89,23 +90,28 @@ def _joint_motion(case: Case, log: CheckedLog) -> tuple[Array, NDArray[np.bool_]
     rest.
     """
     overview, units = log.overview, unit_reading(case, log)
-    coordinates = case.loaded.robot.coordinates
-    n = len(coordinates)
-    if len(overview.q) < 2:
+    coordinates, joints = _joints(case), overview.channels.encoders
+    n, q = len(coordinates), overview.x[:, joints]
+    if len(q) < 2:
         return np.zeros(n), np.zeros(n, dtype=np.bool_), np.zeros(n)
-    low, high = np.quantile(overview.q, [POSITION_QUANTILE, 1.0 - POSITION_QUANTILE], axis=0)
-    reach = (high - low) * np.maximum([joint.position_scale for joint in units.joints], 1.0)
+    low, high = np.quantile(q, [POSITION_QUANTILE, 1.0 - POSITION_QUANTILE], axis=0)
+    reach = (high - low) * np.maximum([one.position_scale for one in units.joints[joints]], 1.0)
     enough = reach >= [LITTLE_RANGE[c.kind] for c in coordinates]
-    moves = enough & motion_in_units(case, log).moving
-    even, rate = overview.even(overview.q, units.second)
+    moves = enough & motion_in_units(case, log).moving[joints]
+    even, rate = overview.even(q, units.second)
     longest = max(even, key=lambda x: x.shape[1], default=np.zeros((n, 0)))
     band = [motion_band(longest[j : j + 1], rate).frequency if moves[j] else 0.0 for j in range(n)]
     return reach, moves, np.array(band)
 
 
+def _joints(case: Case) -> tuple[Coordinate, ...]:
+    """Joints, without the coordinates of a floating base."""
+    return case.loaded.robot.coordinates[case.loaded.robot.n_base :]
+
+
 def _help(case: Case, still: NDArray[np.intp]) -> str:
     parts = []
-    for c in (case.loaded.robot.coordinates[j] for j in still):
+    for c in (_joints(case)[j] for j in still):
         limit = c.limits.velocity
         speed = f", up to {FAST_SPEED_SHARE * limit:.2g} {c.unit}/s" if np.isfinite(limit) else ""
         parts.append(f"{c.name} by {USEFUL_RANGE[c.kind]} or more{speed}")

@@ -116,7 +116,9 @@ def position_check(case: Case, log: CheckedLog) -> Finding:
         return replace(_other_unit(case, log, units, other, each), picture=picture)
     names = tuple(case.joints[j] for j in np.flatnonzero(off > OUTSIDE_RANGE))
     are = "are outside their limits" if len(names) > 1 else "is outside its limits"
-    facts = _facts(case, log, {joint.position_unit for joint in units.as_declared})
+    facts = _facts(
+        case, log, {joint.position_unit for joint in units.as_declared[log.channels.base :]}
+    )
     return Finding.doubtful_if(
         bool(names),
         f"{', '.join(names)} {are}; {facts}" if names else f"{facts}, within the joints' limits",
@@ -200,7 +202,8 @@ def _other_unit(
     exchanged = [j for j in other if not within[j, j] and (within[j] & within[:, j]).any()]
     clear = max(other, key=lambda j: units.as_declared[j].cost - units.joints[j].cost)
     unit = " and ".join(sorted({units.joints[j].position_unit for j in other}))
-    value = unit_value([j.position_unit for j in units.joints], case, POSITION_UNITS)
+    of_joints = units.joints[log.channels.base :]
+    value = unit_value([j.position_unit for j in of_joints], case, POSITION_UNITS)
     gears = case.loaded.robot.transmission
     geared = gears is not None and bool(np.all(np.abs(np.diag(gears.matrix)) == 1.0))
     sure = units.sure and not geared and not exchanged

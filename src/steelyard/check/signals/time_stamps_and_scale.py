@@ -29,7 +29,7 @@ from steelyard.check.finding import (
     percent_of,
     trace,
 )
-from steelyard.check.hypotheses.readings_and_likelihood import likeliest
+from steelyard.check.hypotheses.hypotheses_and_their_scores import likeliest
 from steelyard.check.signals.motion_units import (
     LONGEST_STEP,
     SHORTEST_STEP,

@@ -92,7 +92,7 @@ class SignalOverview:
         if len(self.q) < 2:
             return False
         far = np.ptp(self.q, axis=0) > MOVED_STEPS * self.resolution[self.channels.q]
-        return bool((far & (np.ptp(self.q, axis=0) > MOVED)).any())
+        return bool((far & (np.ptp(self.q, axis=0) > MOVED))[self.channels.base :].any())
 
     @cached_property
     def jumps(self) -> NDArray[np.bool_]:
@@ -106,13 +106,16 @@ class SignalOverview:
         fastest = np.quantile(change, FASTEST_SHARE, axis=0)
         least = np.maximum(JUMP_FACTOR * around, FASTEST_FACTOR * fastest)
         far = change > np.maximum(least, MOVED_STEPS * self.resolution[self.channels.q])
+        far[:, : self.channels.base] = False  # impacts are no jumps
         even = np.diff(self.t) <= GAP_STEPS * self.step
         return np.asarray(far & even[:, None] & (change > MOVED))
 
     @cached_property
     def frozen(self) -> tuple[tuple[int, int, int], ...]:
         """Joint, first and last row where a position does not change, but others do."""
-        return frozen_positions(self.q, self.resolution[self.channels.q])
+        joints = self.channels.encoders
+        found = frozen_positions(self.q[:, joints], self.resolution[joints])
+        return tuple((joints.start + j, first, last) for j, first, last in found)
 
     @cached_property
     def stretches(self) -> tuple[slice, ...]:
@@ -181,7 +184,7 @@ class SignalOverview:
         steps = RANGE_STEPS * self.resolution[self.channels.q]
         spread = np.ptp(self.q, axis=0)
         far = (spread > 0.0) & (spread >= np.maximum(steps, RANGE_NOISE * noise_of(self.q)))
-        return np.asarray(far & (speed >= STILL_SHARE * speed.max()))
+        return np.asarray(far & (speed >= STILL_SHARE * speed[self.channels.base :].max()))
 
 
 def good_rows(t: Array, x: Array, channels: Channels) -> SignalOverview:
@@ -196,7 +199,7 @@ def good_rows(t: Array, x: Array, channels: Channels) -> SignalOverview:
     with np.errstate(invalid="ignore"):
         stamped[readable] = _near(t[readable], GAP_TIME * step)
         kept = stamped & (np.abs(x) <= LARGEST_VALUE).all(axis=1)
-    for channel in range(x.shape[1]):
+    for channel in range(channels.base, channels.pushed.start if channels.contacts else x.shape[1]):
         values = x[kept, channel]
         span = float(np.ptp(np.quantile(values, [0.02, 0.98]))) if len(values) else 0.0
         reach = max(0.5 * span, 1.0) if channel < channels.joints else 20.0 * span + 60.0

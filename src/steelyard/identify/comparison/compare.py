@@ -14,7 +14,6 @@ from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.check.case_from_files_and_precheck import (
-    checkable,
     notes_of_precheck,
     prechecked,
 )
@@ -81,7 +80,6 @@ def comparison_inputs(
             "--payload-mass KG), and write them into the robot file",
         )
     model, diagnosis, made = model_to_fit(file), None, dict[str, Run]()
-    check, unchecked = checkable(file, check)
     if check:
         given = replace(file, signals=signals)
         diagnosis, made = prechecked(file.reference, given, files, progress)
@@ -89,7 +87,7 @@ def comparison_inputs(
     unresolved = () if diagnosis is None else notes_of_precheck(diagnosis, file.reference)
     task = FitTask(model, file, runs, threads=threads, progress=progress)
     ground = prepare_fit(task, WeightedLeastSquares())
-    notes = (*file.notes, *unchecked, *reasons, *of_logs.dropped_rows(runs), *unresolved)
+    notes = (*file.notes, *reasons, *of_logs.dropped_rows(runs), *unresolved)
     details = (*of_logs.notes_of(runs), *ground.notes, *of_logs.dropped(model, runs))
     # one more pass, in windows that parts can be made of
     regressor, runs = base_regressor(ground.model), ground.runs

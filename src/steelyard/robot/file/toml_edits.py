@@ -125,6 +125,8 @@ def _header(path: Sequence[str]) -> str:
 
 
 def _value(value: Any) -> str:
+    if isinstance(value, list) and any(isinstance(one, Mapping) for one in value):
+        return "[" + ", ".join(_value(one) for one in value) + "]"  # tables, in line
     return str(_item(value).as_string())
 
 

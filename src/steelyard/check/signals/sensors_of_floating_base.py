@@ -1,0 +1,388 @@
+r"""Do the sensors of a floating base agree with each other, and are they alive?
+
+Between two rows $h$ apart an orientation $R$ turns by $\log(R_k^T R_{k+h})$ along its own axes,
+which the integral of the angular velocity has to be. Over a log whose robot stays in a room, the
+proper acceleration has the mean $-g$ in the world; without an orientation its direction $u$ turns
+by $\dot u = -\omega \times u$, and its size is about that of $g$.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import permutations, product
+
+import numpy as np
+
+from steelyard.base.arrays import Array, stretches
+from steelyard.check.cases_and_checks import Case, CheckedLog, case_check, remembered
+from steelyard.check.finding import Edit, Finding, Fix, Severity
+from steelyard.check.signals.motion_units import unit_reading
+from steelyard.robot.file.base_signals_from_tables import STANDARD_G
+from steelyard.robot.file.signals import BaseSignals
+from steelyard.runs.floating_base import rotations
+
+TURN_TIME = 0.1  # time between two orientations that are compared [s]
+SLOW_TIME = 0.3  # time over which accelerations are averaged where no orientation is logged [s]
+LEAST_TURN = 0.02  # root mean square of turns that are compared [rad]
+AGREEING, DISAGREEING = 0.35, 0.6
+"""Relative difference of turns up to which sensors agree, and from which on they do not."""
+UPRIGHT = 0.3  # distance of the mean acceleration from that of a robot that stays, over gravity
+WEIGHTLESS = 0.3  # mean acceleration over gravity up to which there is none in it
+NEAR_ONE = (0.7, 1.4)  # size of a mean acceleration over 1 g
+MOVING = 0.2  # spread of a signal in a stretch, over that in the log, from which on it changes
+DEAD_TIME, DEAD_ROWS = 0.5, 50  # shortest stretch of one value that is no measurement [s; rows]
+CONJUGATE = "turned from the world to the sensor, not from the sensor to the world"
+KINDS = {4: ("wxyz", "xyzw"), 3: ("rpy_rad", "rpy_deg"), 9: ("matrix",)}
+RATE_UNITS = {"rad/s": 1.0, "deg/s": np.pi / 180.0}
+BASE_KEY = ("signals", "base")
+NAMES_OF_SENSORS = "sensors of the base"
+
+
+@dataclass(frozen=True, eq=False)
+class SensorRows:
+    """Good rows of the sensors of a base as logged: `(N,)` [s], `(N, k)`; empty if not logged."""
+
+    t: Array
+    acceleration: Array  # or positions
+    rate: Array
+    orientation: Array
+    pushes: Array
+
+
+@remembered
+def sensor_rows(log: CheckedLog) -> SensorRows:
+    """Rows of a log whose base floats."""
+    signals, base = log.recording.signals, log.recording.signals.base
+    assert base is not None
+    columns = (signals.time, *base.motion, *base.pushes)
+    parts = list(log.log.parts(columns, log.window))
+    rows = np.concatenate(parts) if parts else np.zeros((0, len(columns)))
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    rows = rows[
+        np.concatenate(([True], np.diff(np.maximum.accumulate(rows[:, 0])) > 0.0))[: len(rows)]
+    ]
+    ends = np.cumsum([3, len(base.angular_velocity), len(base.orientation)])
+    return SensorRows(rows[:, 0] * signals.time_scale, *np.split(rows[:, 1:], ends, axis=1))
+
+
+@dataclass(frozen=True)
+class _Otherwise:
+    """Another way to read the sensors, and the line that says so."""
+
+    says: str
+    edits: tuple[Edit, ...]
+
+
+@case_check(NAMES_OF_SENSORS, "Do the sensors of the base agree with each other?")
+def base_sensors_check(case: Case) -> Iterable[Finding]:
+    """Sensors that stop, kinds of orientations, units, axes and signs of rates, gravity."""
+    for log in case.logs:
+        base = log.recording.signals.base
+        if base is None or len(sensor_rows(log).t) < DEAD_ROWS:
+            continue
+        rows, second = sensor_rows(log), unit_reading(case, log).second
+        rows = replace(rows, t=rows.t * second)
+        found = [*_dead(base, rows)]
+        if not found:
+            found = list(_of_turns(base, rows)) if base.orientation else []
+            if not any(f.severity == Severity.WRONG for f in found):
+                found += _of_gravity(base, rows)
+            if base.angular_velocity and not base.orientation:
+                found += _of_direction(base, rows)
+        bad = [f for f in found if f.severity] or found
+        for one in bad or [Finding.ok("nothing to compare", answered=False)]:
+            yield replace(one, log=log.name)
+
+
+def _dead(base: BaseSignals, rows: SensorRows) -> Iterator[Finding]:
+    """Columns that keep one value, of a contact one that is not zero, or all of them for good."""
+    step = float(np.median(np.diff(rows.t)))
+    least = max(DEAD_ROWS, round(DEAD_TIME / max(step, 1e-9)))
+    sensors = np.column_stack((rows.acceleration, rows.rate, rows.orientation))
+    every = np.column_stack((sensors, rows.pushes))
+
+    def moves(start: int, stop: int) -> bool:
+        """Whether anything else changes meanwhile as it does elsewhere."""
+        spread = every.std(axis=0)
+        own = every[start : stop + 1].std(axis=0)
+        return bool(np.any((own > MOVING * spread) & (spread > 0.0)))
+
+    still = []
+    for name, x in zip(base.motion, sensors.T, strict=True):
+        if np.ptp(x) == 0.0 and np.ptp(sensors) > 0.0 and x[0] in (0.0, 1.0):
+            continue  # of a motion that a plane contains
+        same = [(a, b) for a, b in stretches(np.diff(x) == 0.0) if b - a >= least and moves(a, b)]
+        if same:
+            first, last = max(same, key=lambda one: one[1] - one[0])
+            still.append((name, rows.t[first] - rows.t[0], rows.t[last] - rows.t[0]))
+    if still:
+        names = ", ".join(dict.fromkeys(name for name, _, _ in still))
+        _, a, b = still[0]
+        yield Finding.wrong(
+            f"{names}: one value from {a:.3g} to {b:.3g} s: the sensor stopped",
+            f"{b - a:.3g} s, at most {DEAD_TIME:g} s allowed",
+            fix=Fix("leave that part out (LOG@START:STOP), or record again"),
+        )
+    start = 0
+    for contact in base.contacts:
+        x = rows.pushes[:, start : start + len(contact.columns)]
+        start += len(contact.columns)
+        frozen = stretches((np.diff(x, axis=0) == 0.0).all(axis=1) & (x[1:] != 0.0).any(axis=1))
+        frozen = [(a, b) for a, b in frozen if moves(a, b)]
+        longest = max(frozen, key=lambda one: one[1] - one[0], default=(0, 0))
+        if not x.any():
+            yield Finding.doubtful(
+                f"the force at '{contact.frame}' keeps one value, zero: it is not measured, or "
+                "nothing touches it",
+                fix=Fix(
+                    f"if '{contact.frame}' touches anything, log its force; if not, leave the "
+                    "contact out"
+                ),
+            )
+        elif longest[1] - longest[0] >= least:
+            a, b = (float(rows.t[k] - rows.t[0]) for k in longest)
+            yield Finding.wrong(
+                f"the force at '{contact.frame}' keeps one value from {a:.3g} to {b:.3g} s",
+                f"{b - a:.3g} s, at most {DEAD_TIME:g} s allowed",
+                fix=Fix("leave that part out (LOG@START:STOP), or record again"),
+            )
+
+
+def turns_of(axes: Array, apart: int) -> Array:
+    """Turns `(M, 3)` [rad] of axes `(N, 3, 3)` between rows that are so many apart."""
+    from scipy.spatial.transform import Rotation
+
+    between = axes[:-apart].transpose(0, 2, 1) @ axes[apart:]
+    return np.asarray(Rotation.from_matrix(between).as_rotvec())
+
+
+def _readings(base: BaseSignals) -> Iterator[tuple[str, bool]]:
+    """Kinds of orientations with as many columns, and whether they are turned the other way."""
+    kinds = [base.orientation_kind, *KINDS[len(base.orientation)]]
+    yield from product(dict.fromkeys(kinds), (False, True))
+
+
+def _axes(rows: SensorRows, kind: str, other: bool) -> Array:
+    axes = rotations(rows.orientation, kind)
+    return axes.transpose(0, 2, 1) if other else axes
+
+
+def _words(base: BaseSignals, kind: str, other: bool) -> _Otherwise:
+    edits = (Edit((*BASE_KEY, "orientation_kind"), kind),) if kind != base.orientation_kind else ()
+    says = f'the orientation is "{kind}"' if edits else "the orientation is"
+    return _Otherwise(f"{says}{', ' + CONJUGATE if other else ''}", () if other else edits)
+
+
+def _of_turns(base: BaseSignals, rows: SensorRows) -> Iterator[Finding]:
+    """Whether orientation and gyroscope turn alike."""
+    apart = max(1, round(TURN_TIME / float(np.median(np.diff(rows.t)))))
+    if not base.angular_velocity or len(rows.t) < 4 * apart:
+        return
+    step = np.diff(rows.t)[:, None]
+    angle = np.vstack((np.zeros(3), np.cumsum(0.5 * step * (rows.rate[1:] + rows.rate[:-1]), 0)))
+    logged = angle[apart:] - angle[:-apart]
+
+    def off(turned: Array, rate: Array) -> float:
+        size = np.sqrt(np.mean(np.square(turned)) * np.mean(np.square(rate)))
+        return float(np.sqrt(np.mean(np.square(turned - rate))) / max(float(size), 1e-12))
+
+    tried: list[tuple[float, float, _Otherwise]] = []
+    declared = np.inf
+    for number, (kind, other) in enumerate(_readings(base)):
+        turned = turns_of(_axes(rows, kind, other), apart)
+        if number == 0:
+            declared = off(turned, base.angular_scale * logged)
+            if np.sqrt(np.mean(np.square(turned))) < LEAST_TURN:
+                return
+        for unit, scale in RATE_UNITS.items():
+            for says, matrix in _axes_of_rates():
+                changes = [] if number == 0 else [_words(base, kind, other)]
+                if scale != base.angular_scale:
+                    line = Edit((*BASE_KEY, "angular_velocity_unit"), unit)
+                    changes.append(_Otherwise(f"the angular velocity is in {unit}", (line,)))
+                if says:
+                    changes.append(_Otherwise(says, _edits_of_axes(base, matrix)))
+                both = _Otherwise(
+                    " and ".join(c.says for c in changes),
+                    tuple(e for c in changes for e in c.edits),
+                )
+                tried.append((off(turned, scale * logged @ matrix.T), float(len(changes)), both))
+    figure = (
+        f"turns in {TURN_TIME:g} s differ by {100.0 * declared:.2g} %, at most "
+        f"{100.0 * AGREEING:.0f} % allowed"
+    )
+    if declared <= AGREEING:
+        yield Finding.ok("orientation and angular velocity agree", figure)
+        return
+    least = min(one[0] for one in tried)
+    best = min((one for one in tried if one[0] < 1.3 * least), key=lambda one: one[1])
+    if best[0] <= AGREEING and declared > 1.5 * best[0]:
+        yield Finding.wrong(
+            f"{best[2].says}: as declared orientation and angular velocity disagree",
+            f"{figure}; so {100.0 * best[0]:.2g} %",
+            fix=Fix(best[2].says, best[2].edits),
+        )
+    elif declared > DISAGREEING:
+        yield Finding.doubtful(
+            "orientation and angular velocity are not of one sensor, or have other axes or clocks",
+            figure,
+            fix=Fix("check columns, axes and clock of the gyroscope and of the orientation"),
+        )
+
+
+def _axes_of_rates() -> Iterator[tuple[str, Array]]:
+    """Signs and orders of the axes of a gyroscope, in words."""
+    yield "", np.eye(3)
+    for signs in product((1.0, -1.0), repeat=3):
+        if signs != (1.0, 1.0, 1.0):
+            which = ", ".join(x for x, sign in zip("xyz", signs, strict=True) if sign < 0.0)
+            yield f"the angular velocity along {which} has the opposite sign", np.diag(signs)
+    for order in permutations(range(3)):
+        if order != (0, 1, 2):
+            listed = ", ".join("xyz"[k] for k in order)
+            yield (
+                f"the angular velocity's columns are in the order {listed}",
+                np.eye(3)[list(order)],
+            )
+
+
+def _edits_of_axes(base: BaseSignals, matrix: Array) -> tuple[Edit, ...]:
+    """Columns in another order; no key states signs."""
+    if (matrix < 0.0).any():
+        return ()
+    columns = [base.angular_velocity[int(np.argmax(row))] for row in matrix]
+    return (Edit((*BASE_KEY, "angular_velocity"), columns),)
+
+
+def _of_gravity(base: BaseSignals, rows: SensorRows) -> Iterator[Finding]:
+    """Whether the mean acceleration is that of a robot that stays, in the world or by its size."""
+    if base.tracked:
+        return
+    g = -np.array(base.gravity)
+    size = float(np.linalg.norm(g))
+    if size == 0.0:
+        return
+    if not base.orientation:
+        yield from _of_size(base, rows, size)
+        return
+    scaled = base.scale * rows.acceleration
+
+    def mean(kind: str, other: bool) -> Array:
+        return np.asarray(np.einsum("nij,nj->ni", _axes(rows, kind, other), scaled).mean(axis=0))
+
+    declared = mean(base.orientation_kind, False)
+    off = float(np.linalg.norm(declared - g)) / size
+    figure = (
+        f"mean acceleration in the world {np.round(declared, 2).tolist()} m/s², "
+        f"{np.round(g, 2).tolist()} m/s² expected of a robot that stays"
+    )
+    if off <= UPRIGHT:
+        yield Finding.ok("the acceleration has gravity in it, upwards", figure)
+        return
+    if abs(np.linalg.norm(declared + g)) / size <= UPRIGHT:
+        yield Finding.wrong(
+            "the acceleration has the opposite sign: at rest it points down, and an accelerometer "
+            "measures upwards",
+            figure,
+            fix=Fix("log what an accelerometer measures, +9.81 m/s² upwards at rest"),
+        )
+        return
+    found = list(_of_size(base, rows, size))
+    if any(f.severity for f in found):
+        yield from found
+        return
+    for kind, other in _readings(base):
+        if np.linalg.norm(mean(kind, other) - g) / size <= UPRIGHT:
+            one = _words(base, kind, other)
+            yield Finding.wrong(
+                f"{one.says}: as declared gravity is not along the world's z axis",
+                figure,
+                fix=Fix(one.says, one.edits),
+            )
+            return
+    yield Finding.doubtful(
+        "acceleration and orientation disagree about where gravity points",
+        figure,
+        fix=Fix(
+            "check kind and columns of the orientation, and signs and axes of the acceleration"
+        ),
+    )
+
+
+def _of_size(base: BaseSignals, rows: SensorRows, size: float) -> Iterator[Finding]:
+    """Units of the acceleration, and whether gravity is in it, by its size over short times."""
+    smooth = _means(rows, base.scale * rows.acceleration)
+    mean = float(np.median(np.linalg.norm(smooth, axis=1)))
+    figure = f"size of the acceleration {mean:.3g} m/s², {size:.3g} m/s² expected"
+    for factor, unit in ((STANDARD_G, "g"), (1.0 / STANDARD_G, "m/s2")):
+        low, high = (x * size / factor for x in NEAR_ONE)
+        spread = float(np.std(np.linalg.norm(smooth, axis=1))) / max(mean, 1e-12)
+        declared = "g" if base.scale != 1.0 else "m/s2"
+        if low < mean < high and unit != declared and spread < WEIGHTLESS:
+            yield Finding.wrong(
+                f'the acceleration is in "{unit}": as declared, it is {mean / size:.2g} times '
+                "gravity",
+                figure,
+                fix=Fix(
+                    f'declare acceleration_unit = "{unit}"',
+                    (Edit((*BASE_KEY, "acceleration_unit"), unit),),
+                ),
+            )
+            return
+    if mean < WEIGHTLESS * size and (base.contacts or base.orientation):
+        yield Finding.wrong(
+            "the acceleration is without gravity, and an accelerometer measures it",
+            figure,
+            fix=Fix("log what an accelerometer measures, +9.81 m/s² upwards at rest"),
+        )
+        return
+    yield Finding.ok("the acceleration has the size of gravity", figure)
+
+
+def _means(rows: SensorRows, x: Array) -> Array:
+    """Means of signals `(N, 3)` over short times."""
+    width = max(1, round(SLOW_TIME / float(np.median(np.diff(rows.t)))))
+    count = len(x) // width
+    return np.asarray(x[: count * width].reshape(count, width, -1).mean(axis=1))
+
+
+def _of_direction(base: BaseSignals, rows: SensorRows) -> Iterator[Finding]:
+    """Whether the direction of the acceleration turns as the gyroscope says."""
+    if base.tracked:
+        return
+    up = _means(rows, rows.acceleration)
+    up /= np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-12)
+    rate = base.angular_scale * _means(rows, rows.rate)
+    turned = 0.5 * (rate[1:] + rate[:-1]) * SLOW_TIME
+    moved, expected = np.diff(up, axis=0), -np.cross(turned, 0.5 * (up[1:] + up[:-1]))
+    if np.sqrt(np.mean(np.square(moved))) < LEAST_TURN:
+        return
+    slope = float(np.sum(moved * expected) / max(float(np.sum(np.square(expected))), 1e-12))
+    correlation = float(
+        np.sum(moved * expected)
+        / max(float(np.linalg.norm(moved) * np.linalg.norm(expected)), 1e-12)
+    )
+    figure = f"the acceleration turns {slope:.3g} times as far as the gyroscope says"
+    for unit, scale in RATE_UNITS.items():
+        there = slope * base.angular_scale / scale
+        if (
+            scale != base.angular_scale
+            and AGREEING < there < 1.0 / AGREEING
+            and correlation > AGREEING
+        ):
+            yield Finding.wrong(
+                f"the angular velocity is in {unit}",
+                figure,
+                fix=Fix(
+                    f'declare angular_velocity_unit = "{unit}"',
+                    (Edit((*BASE_KEY, "angular_velocity_unit"), unit),),
+                ),
+            )
+            return
+    if slope < 0.0 and correlation < -DISAGREEING:
+        yield Finding.wrong(
+            "acceleration and angular velocity have opposite signs",
+            figure,
+            fix=Fix("check signs and axes of both"),
+        )
+        return
+    yield Finding.ok("acceleration and angular velocity turn alike", figure)
