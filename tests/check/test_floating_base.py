@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import polars as pl
@@ -11,7 +13,13 @@ import steelyard
 from floating_logs import HAND, IMU, TRACKED, dog, record
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
+from steelyard.check.decision import slipping_feet
 from steelyard.check.finding import Finding
+from steelyard.check.hypotheses.sensors_contacts_and_limbs import limbs
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.file.toml_edits import Edit, edited, lines_of
+from steelyard.robot.file.toml_schema import tomllib
+from steelyard.robot.inertia_and_placement import rpy_rotation
 
 ORIENTED = IMU + 'orientation = "marker_q{}"\n'
 Columns = dict[str, Array]
@@ -154,9 +162,6 @@ def test_the_evidence_names_what_the_rows_of_the_base_contradict(
 def test_a_turned_sensor_is_named_and_its_mounting_written(log: Path, tmp_path: Path) -> None:
     frame = 'frame = "imu"'
     assert frame in ORIENTED
-    from steelyard.robot.file.robot_file import load_robot
-    from steelyard.robot.inertia_and_placement import rpy_rotation
-
     robot = load_robot(dog(tmp_path, ORIENTED)).robot
     imu = {one.name: one for one in robot.frames}["imu"]
     turned = imu.rotation @ rpy_rotation(0.0, 0.0, 0.5 * np.pi)
@@ -186,8 +191,6 @@ def test_the_place_of_the_sensor_and_a_hand_that_is_not_measured_are_named(
 ) -> None:
     file = dog(tmp_path, ORIENTED + HAND)
     text = file.read_text().replace('frame = "imu"', "")
-    from steelyard.robot.file.robot_file import load_robot
-
     robot = load_robot(file).robot
     imu = {one.name: one for one in robot.frames}["imu"]
     axes = imu.rotation
@@ -208,3 +211,54 @@ def test_the_place_of_the_sensor_and_a_hand_that_is_not_measured_are_named(
     assert f"({listed}) m" in one.says
     found = bad(dog(tmp_path, ORIENTED), log)  # the hand's force is not declared
     assert "unmeasured contacts" in [f.check for f in found]
+
+
+def test_the_point_that_a_foot_touches_at_is_found() -> None:
+    rng = np.random.default_rng(0)
+    point, force = np.array([0.02, -0.03, -0.2]), rng.normal(size=(50, 3)) + [0.0, 0.0, 30.0]
+    found = slipping_feet._point(force, np.cross(point, force))
+    assert np.allclose(found[:2], point[:2], atol=0.01)  # along the force it does not count
+    assert np.linalg.norm(np.cross(found - point, force).mean(axis=0)) < 0.05 * 30.0 * 0.2
+
+
+def test_the_foot_that_moves_against_all_others_slips(monkeypatch: pytest.MonkeyPatch) -> None:
+    count, loaded = 400, np.ones(400, dtype=np.bool_)
+    place = [
+        np.tile(np.reshape(x, (3, 1)), count) for x in ([0.2, 0, 0], [-0.2, 0, 0], [0, 0.2, 0])
+    ]
+    omega = np.array([0.0, 0.0, 0.5])
+    still = [-np.cross(omega, x.T).T for x in place]
+    speeds = (0.0, 0.0, 0.3)
+    feet = [
+        slipping_feet._Foot(name, x, v + np.array([[speed], [0.0], [0.0]]), loaded)
+        for name, x, v, speed in zip(("a", "b", "c"), place, still, speeds, strict=True)
+    ]
+    rates = np.zeros((6, count))
+    rates[3:] = omega[:, None]
+    reading = cast(
+        Any,
+        SimpleNamespace(
+            motion=lambda: (None, rates, None),
+            likelihood=SimpleNamespace(excerpt=SimpleNamespace(t=0.01 * np.arange(count))),
+        ),
+    )
+    monkeypatch.setattr(slipping_feet, "feet_of", lambda _: feet)
+    found = slipping_feet._of_reading(reading)
+    assert found.severity.name == "DOUBTFUL" and found.says.startswith("'c' slips")
+    monkeypatch.setattr(slipping_feet, "feet_of", lambda _: feet[:2])
+    assert slipping_feet._of_reading(reading).severity.name == "OK"
+    monkeypatch.setattr(slipping_feet, "feet_of", lambda _: feet[:1])
+    assert not slipping_feet._of_reading(reading).answered
+
+
+def test_limbs_are_what_hangs_beside_others(tmp_path: Path) -> None:
+    robot = load_robot(dog(tmp_path, IMU)).robot
+    assert limbs(robot) == [((6, 7), "fore_thigh"), ((8, 9), "hind_thigh")]
+
+
+def test_exchanged_contacts_are_lines_of_the_robot_file() -> None:
+    tables = [{"frame": "a", "force": ["x", "y", "z"]}, {"frame": "b", "force": ["u", "v", "w"]}]
+    edit = Edit(("signals", "base", "contacts"), tables)
+    text = '[signals.base]\nacceleration = "acc_{}"\n[[signals.base.contacts]]\nframe = "c"\n'
+    assert tomllib.loads(edited(text, [edit]))["signals"]["base"]["contacts"] == tables
+    assert tomllib.loads(lines_of([edit]))["signals"]["base"]["contacts"] == tables
