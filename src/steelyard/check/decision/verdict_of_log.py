@@ -463,10 +463,12 @@ def _written(best: Reading, declared: Reading, winners: Sequence[Judged]) -> Rea
 
 def order_of(reading: Reading) -> str:
     """The order of columns in words."""
+    first = reading.likelihood.joints.start
     if reading.position == reading.likelihood.declared.position:
-        return f"efforts in the order {', '.join(str(k + 1) for k in reading.effort)}"
+        own = reading.effort[first:]
+        return f"efforts in the order {', '.join(str(k + 1 - first) for k in own)}"
     names = reading.likelihood.names
-    listed = ", ".join(f"'{names[reading.position.index(k)]}'" for k in range(len(names)))
+    listed = ", ".join(f"'{names[reading.position.index(k)]}'" for k in range(first, len(names)))
     if reading.effort == reading.position:
         return f"the columns are in the order {listed}"
     return f"the columns of positions are those of {listed}"
