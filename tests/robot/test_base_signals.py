@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from floating_logs import HAND, IMU, TRACKED, dog
+from floating_logs import FLAG, HAND, IMU, TRACKED, dog
 from steelyard.base.errors import ModelError
 from steelyard.robot.file.robot_file import load_robot
 
@@ -43,6 +43,12 @@ IN_WORLD = HAND + 'axes = "world"\n'
         (IMU.replace("gyro_", "acc_"), "column 'acc_x' is used twice", "a column of its own"),
         (IMU + HAND.replace("handle", "hand"), "no link 'hand'", "'handle'"),
         (TRACKED.replace("xyzw", "rpy_deg"), "", ""),
+        (IMU + FLAG, "", ""),
+        (IMU + FLAG + 'force = "f_{}"\n', "a force or a flag, one of them", "where only contact"),
+        (IMU + HAND + "sole = true\n", "one of them, with force and sole", "touching = "),
+        (IMU + FLAG + "radius = 0.02\n", "has a radius, but the base has no", "the position"),
+        (IMU + FLAG + FLAG, "column 'fore_load' is used twice", "a column of its own"),
+        (TRACKED + FLAG + "radius = 0.02\nsole = true\n", "is a sole and a ball", "not both"),
     ],
 )
 def test_bases_that_are_not_clear(base: str, wrong: str, fix: str, tmp_path: Path) -> None:
