@@ -10,10 +10,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from proofs.robots.floating_base_logs import Trial, trial
 from proofs.support.claims import Claim, data_folder, main_of
 from proofs.support.floating_base_mistakes import Mistake, mistakes_of
 from proofs.support.legged_robots import LEGGED, Simulation
+from proofs.support.legged_trials import Trial, trial
 
 import steelyard
 from steelyard.base.errors import SteelyardError

@@ -284,6 +284,12 @@ NOT_RUN = "the checks that compare efforts with a model are not run: correct the
 CORRECTED_BY_FIX = ", or --fix corrects it and checks again"  # by a line of the file
 
 
+UNKNOWN_FORCES = (
+    "forces of contacts are not measured, so that no model says what its efforts should be: order, "
+    "signs, units, gains and mounting are not compared with other ones"
+)
+
+
 def examine(case: Case, *, quick: bool = False, checks: Sequence[Check] | None = None) -> Diagnosis:
     """Ask checks, all or quick ones; where clock, positions or efforts are wrong no `OF_MOTION`."""
     every = checks_of(case.loaded.robot.floating) if checks is None else checks
@@ -311,7 +317,10 @@ def examine(case: Case, *, quick: bool = False, checks: Sequence[Check] | None =
 def _without(case: Case, check: str, reasons: Mapping[str, str]) -> tuple[Case, list[Finding]]:
     """The case without some logs, and an open finding for each of them."""
     left = tuple(log for log in case.logs if log.name not in reasons)
-    found = [Finding.ok(says, answered=False, log=log).by(check) for log, says in reasons.items()]
+    found = [
+        Finding.ok(says, answered=False, log=log, headline=says == UNKNOWN_FORCES).by(check)
+        for log, says in reasons.items()
+    ]
     return (replace(case, logs=left) if reasons else case), found
 
 
@@ -330,4 +339,6 @@ def _not_run(case: Case, findings: Sequence[Finding]) -> dict[str, str]:
             edits = all(f.fix is not None and f.fix.edits for f in mine)
             names = " and the ".join(dict.fromkeys(f.check for f in mine))
             reasons[log.name] = NOT_RUN.format(names) + CORRECTED_BY_FIX * edits
+        elif (base := log.recording.signals.base) is not None and base.touches:
+            reasons[log.name] = UNKNOWN_FORCES
     return reasons

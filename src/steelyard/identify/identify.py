@@ -393,7 +393,8 @@ def _open_questions(diagnosis: Diagnosis) -> tuple[Finding, ...]:
         says, checks = f"check of the logs: {open_words(diagnosis)}", diagnosis.open_checks
         return (Finding("open questions", "", Severity.DOUBTFUL, says, ", ".join(checks)),)
     basic = {check.name for check in BASIC_CHECKS}
-    left = [f for f in diagnosis.findings if f.check in basic and not f.answered]
+    every = [f for f in diagnosis.findings if not f.answered]
+    left = [f for f in every if f.check in basic or f.headline]
     found = {f.check: f.says for f in left if not f.says.startswith(UNTIL_OTHER)}
     if not found:
         return ()

@@ -150,11 +150,12 @@ RELIABLE_MISFIT = 0.2  # misfit of a joint above which its friction is not relia
 @case_check("drift", "Is friction the same in all logs?", quick=False)
 def friction_drift_check(case: Case) -> Iterable[Finding]:
     """Friction and offsets that differ between several logs."""
-    found = [(e.name, *x) for e in case.logs if (x := _friction_level(case, e)) is not None]
+    found = [(e.name, *x) for e in case.logs if (x := _friction(case, e)) is not None]
     if len(found) < 2:
         return ()
     names = [name for name, _, _ in found]
-    levels, known = (np.array(x) for x in zip(*(one[1:] for one in found), strict=True))
+    friction, known = (np.array(x) for x in zip(*(one[1:] for one in found), strict=True))
+    levels = friction[:, 0] + friction[:, 1] * friction[:, 2].min(axis=0)  # at the same speed
     if not (reliable := known.all(axis=0)).any():
         return ()
     mean = np.maximum(levels.mean(axis=0), 1e-12)
@@ -187,17 +188,20 @@ def friction_drift_check(case: Case) -> Iterable[Finding]:
     ]
 
 
-def _friction_level(case: Case, checked: CheckedLog) -> tuple[Array, Array] | None:
-    """Friction at half of the speed [base unit], where it is reliable; `None` of a wrong log."""
+def _friction(case: Case, checked: CheckedLog) -> tuple[Array, Array] | None:
+    """Dry and viscous friction [base unit] and half of the speed, `(3, n)`, and where reliable.
+
+    `None` of a wrong log.
+    """
     decision = judge_log(case, checked)
     if decision is None or decision.winners:
         return None
     log = with_unbounded_friction(decision.likelihood)
     score = log.declared.score
     c, v, _, _ = score.nuisances.T
-    friction = c + 0.5 * v * np.quantile(np.abs(log.driven(log.declared.motion()[1])), 0.98, axis=1)
+    speed = 0.5 * np.quantile(np.abs(log.driven(log.declared.motion()[1])), 0.98, axis=1)
     reliable = (score.counts >= LEAST_SAMPLE_COUNT) & (score.misfits < RELIABLE_MISFIT)
-    return friction, reliable & (friction > LEAST_FRICTION_SHARE * log.size)
+    return np.stack([c, v, speed]), reliable & (c + v * speed > LEAST_FRICTION_SHARE * log.size)
 
 
 def with_unbounded_friction(likelihood: Likelihood) -> Likelihood:
