@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: demo test test-all check bench prove studies docs plotly clean
+.PHONY: demo test test-all check bench prove studies docs plotly three clean
 
 demo: $(VENV)/.base
 	$(BIN)/steelyard demo -o $$(mktemp -d)/demo
@@ -39,7 +39,10 @@ docs: $(VENV)/.docs
 	@echo "site/index.html"
 
 plotly:
-	$(PYTHON) tools/update_plotly.py $(VERSION)
+	$(PYTHON) tools/update_browser_script.py plotly $(VERSION)
+
+three:
+	$(PYTHON) tools/update_browser_script.py three $(VERSION)
 
 clean:
 	rm -rf $(VENV)

@@ -38,6 +38,7 @@ ORDER = (
     "fleet",
     "export",
     "simulate",
+    "app",
     "cli",
     "__main__",
 )
@@ -48,6 +49,8 @@ ONE_FILE = {
     "cma": {"excite/search/search_methods.py"},
     "llvmlite": {"symbolic/native/compiler.py"},
     "jinja2": {"base/templates.py"},
+    "starlette": {"app/server.py"},
+    "uvicorn": {"app/server.py"},
     "viser": {"excite/page/browser_replay.py"},
     "pydantic": {
         "robot/file/excitation_sections.py",

@@ -287,7 +287,7 @@ def findings_of(
         picture, fix = finding.picture, finding.fix if finding.severity else None
         if picture is not None and (fine or finding.severity):
             left -= sum(len(t.x) for t in picture.traces)
-            drawn = script_json(_drawn(picture)) if left >= 0 else None
+            drawn = script_json(drawn_picture(picture)) if left >= 0 else None
         else:
             drawn = None
         shown.append(
@@ -336,7 +336,8 @@ def _reason_it_is_ok(finding: Finding, diagnosis: Diagnosis) -> str:
     )
 
 
-def _drawn(picture: Picture) -> dict[str, Any]:
+def drawn_picture(picture: Picture) -> dict[str, Any]:
+    """A picture as JSON values for a page."""
     traces = []
     for one in picture.traces:
         far = np.any(np.abs(one.x) > LEAST_NUMBER_IN_DOUBLE_PRECISION)

@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from steelyard.cli import (
+    app_command,
     doctor_command,
     fleet_command,
     init_command,
@@ -46,6 +47,7 @@ for command in (
     motion.track,
     motion.replay,
     motion.demo,
+    app_command.app,
     doctor_command.doctor,
 ):
     app.command(cls=DerivedCommand)(command)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 TEMPLATES = Path(__file__).parent / "templates"
 PLOTLY = Path(__file__).parent / "plotly" / "plotly.min.js.gz"
 """The parts that pages use, compressed. The version is in `source.json` beside it;
-`tools/update_plotly.py` replaces it."""
+`tools/update_browser_script.py` replaces it."""
 
 PICTURE = 'class="picture'  # what marks a picture in the page
 

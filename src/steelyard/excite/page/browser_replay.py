@@ -97,7 +97,7 @@ def staged(loaded: LoadedRobot, trajectory: ExactTrajectory) -> Stage:
     q = trajectory.derivative(t, 0)
     joints = np.hstack([q, passive_positions(robot, q.T).T])
     path = tool_path(robot, tool, joints)
-    links, notes = _shapes(loaded)
+    links, notes = shapes_of(loaded)
     shapes = (*links, *sticks(robot, tool, {link.body for link in links}), *world_of(loaded))
     faces = faces_of(section.workspace, robot, path)
     kinds = {bad: [face for face in faces if face.forbidden == bad] for bad in (False, True)}
@@ -105,7 +105,8 @@ def staged(loaded: LoadedRobot, trajectory: ExactTrajectory) -> Stage:
     return Stage(robot, trajectory, shapes, tool, t, joints, path, walls, notes)
 
 
-def _shapes(loaded: LoadedRobot) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
+def shapes_of(loaded: LoadedRobot) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
+    """Shapes of the links that have some, and why there are none."""
     section, model = loaded.excitation.collision, loaded.sources[-1].path
     skip = () if section is None else section.without
     if model.suffix == ".toml":

@@ -288,7 +288,8 @@ function drawPictures() {
   }
 
   const drawAll = () => document.querySelectorAll(".picture").forEach(draw);
-  document.querySelectorAll("details").forEach((one) => one.addEventListener("toggle", drawAll));
+  document.addEventListener("toggle", drawAll, true);
+  window.addEventListener("content", drawAll);
   window.addEventListener("theme", () => {
     document.querySelectorAll(".picture").forEach((one) => { delete one.dataset.drawn; });
     drawAll();
@@ -405,10 +406,12 @@ function unzipped(archive) {
 
 function drawFigures() {
   const archive = document.getElementById("plotly");
-  if (!archive) return;
-  const script = document.createElement("script");
-  script.textContent = unzipped(archive.textContent);
-  document.head.append(script);
+  if (archive) {
+    const script = document.createElement("script");
+    script.textContent = unzipped(archive.textContent);
+    document.head.append(script);
+  }
+  if (!window.Plotly) return;
   drawPlots();
   drawPictures();
   fitToPaper();

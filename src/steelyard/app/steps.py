@@ -1,0 +1,25 @@
+"""All steps of the app in their order."""
+
+from steelyard.app import step_check, step_identify, step_logs, step_robot
+from steelyard.app.step import Desk, Step
+from steelyard.base.errors import OutputError
+
+STEPS: tuple[Step, ...] = (
+    step_robot.STEP,
+    step_logs.STEP,
+    step_check.STEP,
+    step_identify.STEP,
+)
+
+
+def named(name: str) -> Step:
+    """The step of a name."""
+    for step in STEPS:
+        if step.name == name:
+            return step
+    raise OutputError("there is no such page", where=name, fix="choose a step")
+
+
+def current(desk: Desk) -> Step:
+    """The last step that is not locked."""
+    return [step for step in STEPS if not step.locked(desk)][-1]

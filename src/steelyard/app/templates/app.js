@@ -1,0 +1,209 @@
+"use strict";
+document.documentElement.dataset.theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+// The page of a step: forms, files that are dropped, and changes that the server tells of.
+const byId = (name) => document.getElementById(name);
+let version = null, refreshing = null, again = false;
+
+function say(words) {
+  byId("message").textContent = words;
+  if (words) byId("message").scrollIntoView({ block: "nearest" });
+}
+
+// Send something; what the server refuses is shown, and is `false`.
+async function send(address, options) {
+  let answer;
+  try {
+    answer = await fetch(address, options);
+  } catch (error) {
+    say("The app does not answer. Is it still running? Start it again: steelyard app");
+    return false;
+  }
+  if (answer.ok) return true;
+  const text = await answer.text();
+  try {
+    const told = JSON.parse(text);
+    say(`${told.wrong}\n${told.where}\n${told.fix}`);
+  } catch (error) {
+    say(text || `The app failed (${answer.status}).`);
+  }
+  return false;
+}
+
+const post = (address, values) => send(address, {
+  method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(values),
+});
+
+function valuesOf(form) {
+  const found = {};
+  for (const [name, value] of new FormData(form)) found[name] = value;
+  return found;
+}
+
+// The page as it is now. Pictures whose data are the same stay as they are drawn; so do the focus,
+// what is unfolded, and what was typed but not sent.
+async function refresh() {
+  if (refreshing) { again = true; return refreshing; }
+  refreshing = (async () => {
+    const answer = await fetch(location.pathname).catch(() => null);
+    if (answer && answer.ok) swap(new DOMParser().parseFromString(await answer.text(), "text/html"));
+  })();
+  await refreshing;
+  refreshing = null;
+  if (again) { again = false; return refresh(); }
+}
+
+function swap(page) {
+  const focus = document.activeElement && document.activeElement.id;
+  const open = new Map([...document.querySelectorAll("details[id][data-touched]")].map((one) => [one.id, one.open]));
+  for (const name of ["steps", "step"]) {
+    const old = byId(name), fresh = page.getElementById(name);
+    if (!fresh || old.innerHTML === fresh.innerHTML && !fresh.querySelector("[data-keep]")) continue;
+    const kept = new Map([...old.querySelectorAll("[data-keep]")].map((one) => [one.dataset.keep, one]));
+    fresh.querySelectorAll("[data-keep]").forEach((one) => {
+      const before = kept.get(one.dataset.keep);
+      if (before) one.replaceWith(before);
+    });
+    old.replaceWith(document.adoptNode(fresh));
+  }
+  open.forEach((state, id) => {
+    if (byId(id)) { byId(id).open = state; byId(id).dataset.touched = "yes"; }
+  });
+  if (focus && byId(focus)) byId(focus).focus({ preventScroll: true });
+  begin();
+}
+
+function begin() {
+  document.querySelectorAll("#step table").forEach((one) => { if (one.dataset.sort) makeSortable(one); });
+  window.dispatchEvent(new Event("content"));
+}
+
+function showJobs(jobs) {
+  const place = byId("jobs");
+  const known = new Map([...place.children].map((one) => [one.dataset.key, one]));
+  jobs.forEach((job) => {
+    let row = known.get(job.key);
+    known.delete(job.key);
+    if (!row) {
+      row = document.createElement("div");
+      row.className = "job";
+      row.dataset.key = job.key;
+      row.innerHTML = '<span></span><progress max="1"></progress>';
+      row.children[1].setAttribute("aria-label", job.words);
+      if (job.long) {
+        const stop = document.createElement("button");
+        stop.className = "button";
+        stop.textContent = "Stop";
+        stop.addEventListener("click", () => post(`/stop/${job.key}`, {}));
+        row.append(stop);
+      }
+      place.append(row);
+    }
+    const left = job.left ? `, about ${Math.ceil(job.left)} s left of this part` : "";
+    const text = `${job.words}: ${job.phase}${job.note ? ` (${job.note})` : ""}${left}`;
+    if (row.children[0].textContent !== text) row.children[0].textContent = text;
+    if (job.share === null) row.children[1].removeAttribute("value");
+    else row.children[1].value = job.share;
+  });
+  known.forEach((row) => row.remove());
+}
+
+function listen() {
+  const events = new EventSource("/events");
+  events.onmessage = (event) => {
+    const told = JSON.parse(event.data);
+    showJobs(told.jobs);
+    if (version !== null && version !== told.version) refresh();
+    version = told.version;
+  };
+  events.onerror = () => { version = -1; };
+}
+
+document.addEventListener("submit", async (event) => {
+  const form = event.target.closest("form[data-post]");
+  if (!form) return;
+  event.preventDefault();
+  say("");
+  const values = valuesOf(form);
+  if (event.submitter && event.submitter.name) values[event.submitter.name] = event.submitter.value;
+  if (await post(form.dataset.post, values)) {
+    if (form.dataset.next) location.href = form.dataset.next;
+    else refresh();
+  }
+});
+
+document.addEventListener("click", (event) => {
+  const summary = event.target.closest("summary");
+  if (summary) summary.parentElement.dataset.touched = "yes";
+});
+
+document.addEventListener("change", (event) => {
+  const one = event.target;
+  if (one.matches("[data-now]")) one.form.requestSubmit();
+  const drop = one.closest("[data-drop]");
+  if (drop && one.type === "file") {
+    upload(drop, [...one.files].map((file) => [file.webkitRelativePath || file.name, file]));
+  }
+});
+
+// With XMLHttpRequest, as fetch tells no progress of what is sent.
+function put(address, file, progress) {
+  return new Promise((done) => {
+    const request = new XMLHttpRequest();
+    request.open("PUT", address);
+    request.upload.addEventListener("progress", (event) => progress(event.loaded));
+    request.addEventListener("error", () => { say("The app does not answer."); done(false); });
+    request.addEventListener("load", () => {
+      if (request.status < 300) { done(true); return; }
+      try {
+        const told = JSON.parse(request.responseText);
+        say(`${told.wrong}\n${told.where}\n${told.fix}`);
+      } catch (error) { say(`The file was refused (${request.status}).`); }
+      done(false);
+    });
+    request.send(file);
+  });
+}
+
+async function upload(drop, files) {
+  say("");
+  const bar = drop.querySelector("progress"), total = files.reduce((sum, [, file]) => sum + file.size, 0) || 1;
+  bar.hidden = false;
+  let sent = 0, stored = 0;
+  for (const [name, file] of files) {
+    const address = drop.dataset.drop + name.split("/").map(encodeURIComponent).join("/");
+    stored += await put(address, file, (loaded) => { bar.value = (sent + loaded) / total; });
+    sent += file.size;
+  }
+  bar.hidden = true;
+  drop.querySelectorAll("input").forEach((one) => { one.value = ""; });
+  if (stored) await post(drop.dataset.then, {});
+  refresh();
+}
+
+async function filesIn(entry, path) {
+  if (entry.isFile) return [[path + entry.name, await new Promise((done, fail) => entry.file(done, fail))]];
+  const reader = entry.createReader(), found = [];
+  for (;;) {
+    const some = await new Promise((done, fail) => reader.readEntries(done, fail));
+    if (!some.length) break;
+    for (const one of some) found.push(...await filesIn(one, `${path}${entry.name}/`));
+  }
+  return found;
+}
+
+for (const kind of ["dragover", "dragleave", "drop"]) {
+  document.addEventListener(kind, async (event) => {
+    const drop = event.target.closest && event.target.closest("[data-drop]");
+    event.preventDefault();  // a file beside the field does not replace the page
+    document.querySelectorAll(".drop.over").forEach((one) => one.classList.remove("over"));
+    if (!drop) return;
+    if (kind === "dragover") drop.classList.add("over");
+    if (kind !== "drop") return;
+    const entries = [...event.dataTransfer.items].map((one) => one.webkitGetAsEntry()).filter(Boolean);
+    const files = [];
+    for (const entry of entries) files.push(...await filesIn(entry, ""));
+    upload(drop, files);
+  });
+}
+
+document.addEventListener("DOMContentLoaded", () => { begin(); listen(); });

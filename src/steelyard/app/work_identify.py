@@ -1,0 +1,52 @@
+"""Work of identification in a process: a model's folder, as the commands write it; a comparison."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from steelyard.base.files import whole_folder
+from steelyard.base.progress import Progress
+from steelyard.identify.comparison.compare import compare_models
+from steelyard.identify.identify import identify as identified
+from steelyard.robot.file.robot_file import load_robot
+
+
+def identify(
+    robot: str,
+    logs: Sequence[str],
+    validate: Sequence[str],
+    folder: str,
+    reason: str,
+    progress: Progress,
+) -> dict[str, Any]:
+    """What `steelyard identify ROBOT LOG... --validate LOG -o FOLDER` does.
+
+    With a `reason` to go on though something is wrong, which becomes a note of the model and its
+    report, the logs are not checked before.
+    """
+    if reason:
+        loaded = load_robot(robot)
+        note = f"the check found something wrong in the logs, and it was left so: {reason}"
+        found = identified(
+            replace(loaded, notes=(*loaded.notes, note)),
+            logs,
+            validate,
+            check=False,
+            progress=progress,
+        )
+    else:
+        found = identified(robot, logs, validate, progress=progress)
+    with whole_folder(Path(folder)) as part:
+        found.write(part)
+    return {"folder": folder, "level": found.verdict.level, "line": found.verdict.line}
+
+
+def compare(
+    models: Sequence[str], logs: Sequence[str], folder: str, progress: Progress
+) -> dict[str, Any]:
+    """What `steelyard compare-models MODEL... --on LOG... -o FOLDER` does."""
+    found = compare_models(models, logs, progress=progress)
+    with whole_folder(Path(folder)) as part:
+        found.write(part)
+    return {"folder": folder}

@@ -1,0 +1,73 @@
+"""The process of one work: `python -m steelyard.app.work_process`, told what to do by its input.
+
+The first line of standard input is the work as JSON. The line `stop` stops it at the next event of
+progress; the end of the input, as when the server is killed, ends it at once. Each line of
+standard output is an event. The result, or the error, is a JSON file that is there whole or not at
+all; a work that was stopped, or that died, has none.
+"""
+
+import json
+import os
+import sys
+import threading
+import traceback
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from steelyard.base.errors import SteelyardError
+from steelyard.base.files import remove_unfinished, whole_file
+from steelyard.base.progress import Event, Stopped
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+def main() -> None:
+    """Do the work, and write its result."""
+    said = json.loads(sys.stdin.buffer.readline())
+    events = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what libraries print is no event
+    stop = threading.Event()
+    threading.Thread(target=_listen, args=(stop,), daemon=True).start()
+
+    def progress(event: Event) -> bool:
+        values = [event.phase, event.done, event.total, event.note]
+        events.write(json.dumps(values) + "\n")
+        events.flush()
+        return not stop.is_set()
+
+    module, name = said["function"].split(":")
+    try:
+        found = {"result": getattr(import_module(module), name)(**said["given"], progress=progress)}
+    except Stopped:
+        return
+    except SteelyardError as error:
+        found = {"error": {"wrong": error.wrong, "where": error.where, "fix": error.fix}}
+    except Exception as error:
+        if stop.is_set():
+            return
+        found = {"error": _defect(error)}
+    with whole_file(Path(said["out"])) as part:
+        part.write_text(json.dumps(found, allow_nan=False), encoding="utf-8")
+
+
+def _defect(error: Exception) -> dict[str, Any]:
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    return {
+        "wrong": f"a defect of steelyard: {type(error).__name__}: {error}",
+        "where": f"{Path(place.filename).name}, line {place.lineno}",
+        "fix": "report it, if possible with the files of the workspace",
+    }
+
+
+def _listen(stop: threading.Event) -> None:
+    """Note a stop; without a server to work for, end at once and leave no part of a file."""
+    for line in sys.stdin.buffer:
+        if line.strip() == b"stop":
+            stop.set()
+    remove_unfinished()
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,258 @@
+"""A folder as a workspace: files by kind, the robot file with all its versions, choices.
+
+All files are those of the commands. Beside them there are `history/`, versions of the robot file;
+`app.json`, choices that no robot file has, such as which logs validate; and `.derived/`, what was
+computed from the other files and is computed again where it is missing.
+"""
+
+import difflib
+import hashlib
+import json
+import os
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from steelyard.base.errors import DataError, ModelError, OutputError, SteelyardError
+from steelyard.base.files import read_json, whole_file, write_json
+from steelyard.robot.file.toml_edits import Edit, edited
+
+ROBOT_FILE = "robot.toml"
+MODEL_FILES, LOGS, MODELS, REPORTS = "robot", "logs", "models", "reports"
+HISTORY, DERIVED, CHOICES = "history", ".derived", "app.json"
+KINDS = {
+    MODEL_FILES: (".urdf", ".xacro", ".xml", ".mjcf", ".stl", ".obj", ".dae", ".yaml", ".yml"),
+    LOGS: (".csv", ".tsv", ".txt", ".parquet", ".mcap", ".bag", ".db3", ".npz", ".npy", ".mat")
+    + (".h5", ".hdf5", ".jsonl"),
+}
+"""Folders that files are dropped into, and the suffixes that they take."""
+
+ROBOT_MODELS = (".urdf", ".xacro", ".xml", ".mjcf")
+MOST_VERSIONS = 1000  # of the robot file that are kept
+LONGEST_NAME, DEEPEST_NAME = 120, 8  # characters of a name, folders in a path
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """A folder, resolved; all names are relative to it, with `/`."""
+
+    folder: Path
+
+    def path(self, name: str) -> Path:
+        """The path of a name.
+
+        Raises:
+            OutputError: It is outside the folder, also by a link.
+        """
+        try:
+            found = (self.folder / name).resolve()
+        except (OSError, ValueError, RuntimeError):
+            found = self.folder.parent
+        parts = name.split("/")
+        if not found.is_relative_to(self.folder) or ".." in parts or "\\" in name or not parts[0]:
+            raise OutputError(
+                "the path leads out of the workspace",
+                where=name,
+                fix="name a file inside the folder that the app was started with",
+            )
+        return found
+
+    def new_file(self, kind: str, name: str) -> Path:
+        """Where a file that was dropped is stored, by the name that its sender gave.
+
+        Raises:
+            SteelyardError: It is not a kind of file that belongs there.
+        """
+        parts = [part for part in name.replace("\\", "/").split("/") if part not in ("", ".")]
+        if ".." in parts or not 0 < len(parts) <= DEEPEST_NAME or "\0" in name:
+            raise DataError("a file cannot be called so", where=name, fix="rename it")
+        safe = [re.sub(r"[^\w.+-]", "_", part)[-LONGEST_NAME:].lstrip(".-") for part in parts]
+        if not all(safe) or Path(safe[-1]).suffix.lower() not in KINDS[kind]:
+            raise DataError(
+                f"'{parts[-1]}' is no file for this step",
+                where=name,
+                fix=f"files that are read here end in {', '.join(KINDS[kind])}",
+            )
+        return self.path("/".join([kind, *safe]))
+
+    def files(self, kind: str, suffixes: Iterable[str]) -> tuple[str, ...]:
+        """Names of the files of a folder, those below it included, in order."""
+        top, found = self.folder / kind, list[str]()
+        for folder, folders, names in os.walk(top):
+            folders[:] = [name for name in folders if not name.startswith(".")]
+            for name in names:
+                path = Path(folder) / name
+                if not name.startswith(".") and path.suffix.lower() in suffixes:
+                    found.append(path.relative_to(self.folder).as_posix())
+        return tuple(name for name in sorted(found) if self._inside(name))
+
+    def _inside(self, name: str) -> bool:
+        try:
+            return self.path(name).is_file()
+        except OutputError:
+            return False
+
+    @property
+    def robot_models(self) -> tuple[str, ...]:
+        """URDF, xacro and MJCF files."""
+        return self.files(MODEL_FILES, ROBOT_MODELS)
+
+    @property
+    def logs(self) -> tuple[str, ...]:
+        """The logs."""
+        return self.files(LOGS, KINDS[LOGS])
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        """Folders of identified models, the latest first."""
+        found = self.files(MODELS, (".json",))
+        folders = [
+            str(Path(name).parent.as_posix()) for name in found if name.endswith("/model.json")
+        ]
+        return tuple(sorted(folders, key=lambda name: -self.path(name).stat().st_mtime_ns))
+
+    @property
+    def robot_file(self) -> Path:
+        """`robot.toml`, or else the only robot file that the commands wrote there."""
+        usual = self.folder / ROBOT_FILE
+        others = [p for p in sorted(self.folder.glob("*.toml")) if p.is_file()]
+        return others[0] if not usual.exists() and len(others) == 1 else usual
+
+    @property
+    def robot_text(self) -> str | None:
+        """The robot file; `None` if there is none."""
+        path = self.path(self.robot_file.name)
+        try:
+            return path.read_text(encoding="utf-8")
+        except FileNotFoundError:
+            return None
+        except (OSError, UnicodeDecodeError) as error:
+            raise ModelError(
+                f"the robot file cannot be read: {error}", where=path.name, fix="replace it"
+            ) from None
+
+    @property
+    def versions(self) -> tuple[Path, ...]:
+        """Versions of the robot file, the last of which is the present one."""
+        return tuple(sorted((self.folder / HISTORY).glob("[0-9]*.toml")))
+
+    def write_robot(self, text: str) -> None:
+        """Replace the robot file, which can be undone, as what others wrote before can be."""
+        self._note_version(self.robot_text)
+        with whole_file(self.robot_file) as part:
+            part.write_text(text, encoding="utf-8")
+        self._note_version(text)
+
+    def edit_robot(self, changes: Iterable[Edit]) -> None:
+        """Change keys of the robot file."""
+        text = self.robot_text
+        if text is None:
+            raise ModelError(
+                "there is no robot file yet", where=ROBOT_FILE, fix="give a robot first"
+            )
+        self.write_robot(edited(text, list(changes)))
+
+    def undo(self) -> None:
+        """Take back the last change of the robot file, whoever made it; the first one removes it."""
+        text = self.robot_text
+        self._note_version(text)
+        *before, last = self.versions or (None,)
+        if last is None:
+            raise OutputError(
+                "nothing was changed", where=ROBOT_FILE, fix="there is nothing to undo"
+            )
+        if before:
+            with whole_file(self.robot_file) as part:
+                part.write_bytes(before[-1].read_bytes())
+        else:
+            self.robot_file.unlink(missing_ok=True)
+        last.unlink()
+
+    def _note_version(self, text: str | None) -> None:
+        known = self.versions
+        if text is None or (known and known[-1].read_text(encoding="utf-8") == text):
+            return
+        number = int(known[-1].stem) + 1 if known else 1
+        (self.folder / HISTORY).mkdir(exist_ok=True)
+        with whole_file(self.folder / HISTORY / f"{number:06d}.toml") as part:
+            part.write_text(text, encoding="utf-8")
+        for old in known[: max(len(known) + 1 - MOST_VERSIONS, 0)]:
+            old.unlink(missing_ok=True)
+
+    @property
+    def last_change(self) -> tuple[str, ...]:
+        """Lines of the robot file that undo would take back, with - and + before them."""
+        text, known = self.robot_text, [p.read_text(encoding="utf-8") for p in self.versions[-2:]]
+        if text is not None and (not known or known[-1] != text):
+            known = [*known[-1:], text]
+        if len(known) < 2:
+            return ()
+        old, new = (one.splitlines() for one in known)
+        lines = difflib.unified_diff(old, new, lineterm="", n=0)
+        return tuple(line for line in lines if not line.startswith(("---", "+++", "@@")))
+
+    @property
+    def choices(self) -> Mapping[str, Any]:
+        """What was chosen beside the robot file; a damaged file counts as none."""
+        path = self.folder / CHOICES
+        try:
+            found = read_json(path, dict, what="the choices", damaged="damaged", fix="remove it")
+        except SteelyardError:
+            return {}
+        return found
+
+    def choose(self, **changes: Any) -> None:
+        """Change choices; `None` takes one out."""
+        both = {**self.choices, **changes}
+        write_json(self.folder / CHOICES, {k: v for k, v in both.items() if v is not None})
+
+    def mark(self, names: Iterable[str]) -> str:
+        """Changes if one of these files does: a hash of sizes and times of all of them."""
+        seen = []
+        for name in names:
+            try:
+                state = self.path(name).stat()
+                seen.append((name, state.st_size, state.st_mtime_ns))
+            except OSError:
+                seen.append((name, -1, 0))
+        return hashlib.sha256(json.dumps(seen).encode()).hexdigest()[:24]
+
+    def derived(self, key: str) -> Path:
+        """Where the result of a work is kept, by its key of hexadecimal digits."""
+        if not re.fullmatch(r"[0-9a-f]{24}", key):
+            raise OutputError("there is no such result", where=key, fix="load the page again")
+        return self.folder / DERIVED / f"{key}.json"
+
+    def fingerprint(self) -> str:
+        """Changes if a file that pages show does."""
+        names = [ROBOT_FILE, CHOICES, *(p.name for p in self.folder.glob("*.toml"))]
+        for kind in (MODEL_FILES, LOGS, MODELS, REPORTS, HISTORY, DERIVED):
+            for folder, folders, found in os.walk(self.folder / kind):
+                folders[:] = folders if kind != DERIVED else []
+                here = Path(folder).relative_to(self.folder).as_posix()
+                names += [f"{here}/{name}" for name in found if not name.endswith(".part")]
+        return self.mark(sorted(names))
+
+
+def digest(text: str) -> str:
+    """Of a text."""
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def opened(folder: Path) -> Workspace:
+    """The workspace of a folder, which is made if it is missing; what a killed work left goes."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        workspace = Workspace(folder.resolve(strict=True))
+        (workspace.folder / DERIVED).mkdir(exist_ok=True)
+        for name in (MODEL_FILES, LOGS, MODELS, REPORTS):
+            workspace.path(name).mkdir(exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"the folder cannot be used: {error.strerror}",
+            where=str(folder),
+            fix="name a folder that can be written",
+        ) from error
+    return workspace
