@@ -115,6 +115,7 @@ class Jobs:
             stderr=asyncio.subprocess.DEVNULL,
             cwd=self.workspace.folder,
             limit=LONGEST_LINE,
+            start_new_session=True,  # Ctrl-C is for the server alone
             env={**os.environ, "PYTHONPATH": _absolute_path()},
         )
         assert process.stdin is not None and process.stdout is not None

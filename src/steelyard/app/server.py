@@ -224,6 +224,7 @@ def _page(desk: Desk, step: Step) -> str:
             "folder": str(workspace.folder),
             "change": workspace.last_change,
             "versions": len(workspace.versions),
+            "jobs": len(desk.jobs.running),
         },
     )
 

@@ -1,9 +1,11 @@
 """Step 3, the check: findings with their pictures, fixes that are accepted or left."""
 
+from pathlib import PurePosixPath
 from typing import Any
 
 from steelyard.app.jobs import Work
 from steelyard.app.step import OPEN, Desk, Outcome, Step, Values, text_of
+from steelyard.app.step_logs import preview_work
 from steelyard.app.workspace import REPORTS
 from steelyard.base.errors import DataError
 from steelyard.robot.file.toml_edits import Edit
@@ -59,6 +61,8 @@ def _numbers(desk: Desk) -> Values:
         "reason": reason_of(desk),
         "passed": passed(desk),
         "level": {"ok": "good", "doubtful": "fair", "wrong": "poor"},
+        "curves": {log: desk.done(preview_work(desk, log)) for log in _unpictured(desk, bad)},
+        "log_of": lambda finding: _log_of(desk, finding),
         "name": _name,
         "least": LEAST_REASON,
     }
@@ -66,6 +70,17 @@ def _numbers(desk: Desk) -> Values:
 
 def _name(finding: Any) -> str:
     return f"{finding['check']} | {finding['log']}"
+
+
+def _log_of(desk: Desk, finding: Any) -> str:
+    """The log that a finding is about; the first one if it is about all."""
+    logs = desk.workspace.logs
+    return next((log for log in logs if finding["log"] == PurePosixPath(log).stem), logs[0])
+
+
+def _unpictured(desk: Desk, findings: list[Any]) -> set[str]:
+    """Logs of findings that have no picture of their own: their curves are shown instead."""
+    return {_log_of(desk, one) for one in findings if one["picture"] is None}
 
 
 def _put_right(desk: Desk, now: list[Any]) -> list[tuple[Any, Any]]:

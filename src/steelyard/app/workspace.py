@@ -155,7 +155,7 @@ class Workspace:
         self.write_robot(edited(text, list(changes)))
 
     def undo(self) -> None:
-        """Take back the last change of the robot file, whoever made it; the first one removes it."""
+        """Take the last change of the robot file back; the first one removes it."""
         text = self.robot_text
         self._note_version(text)
         *before, last = self.versions or (None,)

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from steelyard.cli import interrupt
 from steelyard.cli.commands_from_functions import from_function
 
 
@@ -27,4 +28,6 @@ def app(
     """
     from steelyard.app.server import serve
 
-    serve(folder, port, not no_browser, typer.echo)
+    with interrupt.quietly():
+        serve(folder, port, not no_browser, typer.echo)
+    interrupt.answered()

@@ -43,6 +43,7 @@ function valuesOf(form) {
 // what is unfolded, and what was typed but not sent.
 async function refresh() {
   if (refreshing) { again = true; return refreshing; }
+  document.body.dataset.busy = "yes";
   refreshing = (async () => {
     const answer = await fetch(location.pathname).catch(() => null);
     if (answer && answer.ok) swap(new DOMParser().parseFromString(await answer.text(), "text/html"));
@@ -50,6 +51,7 @@ async function refresh() {
   await refreshing;
   refreshing = null;
   if (again) { again = false; return refresh(); }
+  markBusy(false);
 }
 
 function swap(page) {
@@ -72,7 +74,15 @@ function swap(page) {
   begin();
 }
 
+// While something is going on, the page says so.
+function markBusy(sending) {
+  const busy = sending || refreshing || byId("step").dataset.jobs !== "0";
+  if (busy) document.body.dataset.busy = "yes";
+  else delete document.body.dataset.busy;
+}
+
 function begin() {
+  markBusy(false);
   document.querySelectorAll("#step table").forEach((one) => { if (one.dataset.sort) makeSortable(one); });
   window.dispatchEvent(new Event("content"));
 }
@@ -123,12 +133,13 @@ document.addEventListener("submit", async (event) => {
   if (!form) return;
   event.preventDefault();
   say("");
+  markBusy(true);
   const values = valuesOf(form);
   if (event.submitter && event.submitter.name) values[event.submitter.name] = event.submitter.value;
   if (await post(form.dataset.post, values)) {
-    if (form.dataset.next) location.href = form.dataset.next;
-    else refresh();
+    await refresh();
   }
+  markBusy(false);
 });
 
 document.addEventListener("click", (event) => {
@@ -166,6 +177,7 @@ function put(address, file, progress) {
 
 async function upload(drop, files) {
   say("");
+  markBusy(true);
   const bar = drop.querySelector("progress"), total = files.reduce((sum, [, file]) => sum + file.size, 0) || 1;
   bar.hidden = false;
   let sent = 0, stored = 0;

@@ -106,7 +106,7 @@ class Arm {
     this.q = own;
     this.middle = low.clone().add(high).multiplyScalar(0.5);
     const radius = 0.5 * high.distanceTo(low) * (this.motion ? 1 : 1.35) + 0.12 * reach;
-    const away = radius / Math.sin((17.5 * Math.PI) / 180);
+    const away = 0.8 * radius / Math.sin((17.5 * Math.PI) / 180);
     this.camera.position.copy(this.middle).add(new Three.Vector3(0.75, -0.85, 0.45).normalize().multiplyScalar(away));
     this.camera.near = away / 100;
     this.camera.far = 20 * away;
@@ -239,6 +239,8 @@ function markTime(at) {
       picture.style.position = "relative";
       picture.append(mark);
     }
+    const { _offset: top, _length: height } = picture._fullLayout.yaxis;
+    Object.assign(mark.style, { top: `${top}px`, height: `${height}px` });
     const x = axis._offset + axis.l2p(at);
     mark.hidden = !(x >= axis._offset && x <= axis._offset + axis._length);
     mark.style.left = `${x}px`;
