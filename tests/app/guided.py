@@ -10,10 +10,17 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import urlsplit
 
 from browser import chromium
+from steelyard.app.jobs import Job, Work
+from steelyard.app.step import Desk, fill
+from steelyard.app.steps import named
+from steelyard.app.work_process import finish
+from steelyard.app.workspace import Workspace, opened
+from steelyard.base.progress import silent
 
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 """So that it draws in space without a graphics card."""
@@ -126,26 +133,134 @@ class Visitor:
 
 
 @contextmanager
-def visiting(
-    address: str, width: int = 1400, dark: bool = False, height: int = 900
-) -> Iterator[Visitor]:
+def visiting(address: str) -> Iterator[Visitor]:
     """A browser at an address."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium(), args=FLAGS)
-        page = browser.new_page(
-            viewport={"width": width, "height": height},
-            color_scheme="dark" if dark else "light",
-            reduced_motion="reduce",
-        )
-        page.set_default_timeout(PATIENCE_MS)
-        visitor = Visitor(page)
-        page.on("pageerror", lambda error: visitor.wrong.append(str(error)))
-        page.on(
-            "console",
-            lambda said: visitor.wrong.append(said.text) if said.type == "error" else None,
-        )
-        page.goto(address)
+        context = browser.new_context(viewport={"width": 1400, "height": 900})
+        context.set_default_timeout(PATIENCE_MS)
+        visitor = another_tab(context, address)
         yield visitor
         browser.close()
+
+
+def another_tab(context: Any, address: str) -> Visitor:
+    """A page of the same browser at an address."""
+    visitor = Visitor(context.new_page())
+    visitor.page.on("pageerror", lambda error: visitor.wrong.append(str(error)))
+    visitor.page.on(
+        "console", lambda said: visitor.wrong.append(said.text) if said.type == "error" else None
+    )
+    visitor.page.goto(address)
+    return visitor
+
+
+SERIOUS = ("serious", "critical")
+
+
+def serious_faults(visitor: Visitor) -> list[str]:
+    """What axe-core finds in a page, as serious or critical, with the first place of each."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    found = Axe().run(visitor.page).response["violations"]
+    return [
+        f"{one['id']}: {one['nodes'][0]['html'][:200]}" for one in found if one["impact"] in SERIOUS
+    ]
+
+
+URDF = """<robot name="small arm">
+<link name="base"/>{links}
+</robot>
+"""
+
+LINK = """
+<link name="link{k}"><inertial><origin xyz="{x} 0 0"/><mass value="{mass}"/>
+<inertia ixx="0.01" iyy="0.04" izz="0.04" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><origin xyz="{x} 0 0"/><geometry><box size="0.3 0.08 0.08"/></geometry></collision>
+</link>
+<joint name="joint{k}" type="revolute"><parent link="{parent}"/><child link="link{k}"/>
+<origin xyz="{at}"/><axis xyz="{axis}"/>
+<limit lower="-2.5" upper="2.5" velocity="3" effort="80"/></joint>"""
+
+ROBOT = """[robot]
+urdf = "arm.urdf"
+
+[model]
+terms = ["rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"]
+
+[signals]
+time = "time_s"
+position = "q{}_rad"
+
+[signals.effort]
+columns = "tau{}_Nm"
+kind = "joint_torque"
+unit = "Nm"
+"""
+
+
+def simulated_arm(folder: Path) -> Path:
+    """Write `arm.urdf`, three joints, and two logs of it, simulated from other motions.
+
+    Columns are `time_s`, `q1` to `q3` [rad] and `tau1_Nm` to `tau3_Nm`.
+    """
+    import polars as pl
+
+    import steelyard
+
+    links = [
+        LINK.format(k=1, x=0.02, mass=4.0, parent="base", at="0 0 0.3", axis="0 0 1"),
+        LINK.format(k=2, x=0.2, mass=3.0, parent="link1", at="0.05 0 0.1", axis="0 1 0"),
+        LINK.format(k=3, x=0.15, mass=1.5, parent="link2", at="0.4 0 0", axis="0 1 0"),
+    ]
+    (folder / "arm.urdf").write_text(URDF.format(links="".join(links)))
+    with TemporaryDirectory() as name:
+        there = Path(name)
+        (there / "arm.urdf").write_bytes((folder / "arm.urdf").read_bytes())
+        (there / "arm.toml").write_text(ROBOT)
+        for log, seed in (("a", 3), ("b", 8)):
+            truth = {"truth": there / "a" / "truth.json"} if log == "b" else {}
+            given = {"period": 12.0, "seed": seed, **truth}
+            steelyard.simulate(there / "arm.toml", there / log, **given)
+            table = pl.read_csv(there / log / "log.csv")
+            named = {f"q{k}_rad": f"q{k}" for k in (1, 2, 3)}
+            kept = ["time_s", *named, *(f"tau{k}_Nm" for k in (1, 2, 3))]
+            table.select(kept).rename(named).write_csv(folder / f"{log}.csv")
+    return folder
+
+
+class AtOnce:
+    """Does works in this process, when they are begun."""
+
+    def __init__(self, workspace: Workspace) -> None:
+        self.workspace = workspace
+        self.running: dict[str, Job] = {}
+        self.begun: list[Work] = []
+
+    def start(self, work: Work) -> str:
+        """Do it."""
+        key = work.key(self.workspace)
+        self.begun.append(work)
+        finish(work.function, work.given, self.workspace.derived(key), silent)
+        return key
+
+
+@dataclass(frozen=True)
+class Finished(Desk):
+    """A desk whose works are done at once."""
+
+    @classmethod
+    def on(cls, folder: Path) -> "Finished":
+        """On a folder."""
+        workspace = opened(folder)
+        return cls(workspace, AtOnce(workspace))  # type: ignore[arg-type]
+
+    def act(self, step: str, action: str, **form: Any) -> None:
+        """What a form of a step does."""
+        named(step).actions[action](self, form)
+
+    def page(self, step: str) -> str:
+        """What a step shows."""
+        return fill(f"step_{step}.html", named(step).numbers(self))

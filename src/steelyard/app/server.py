@@ -99,7 +99,7 @@ def application(workspace: Workspace) -> "Starlette":
 
     async def page(request: "Request") -> Response:
         return Response(
-            _page(desk, steps.named(request.path_params["step"])), media_type="text/html"
+            _page(state, steps.named(request.path_params["step"])), media_type="text/html"
         )
 
     async def act(request: "Request") -> Response:
@@ -202,8 +202,9 @@ def application(workspace: Workspace) -> "Starlette":
     )
 
 
-def _page(desk: Desk, step: Step) -> str:
+def _page(state: State, step: Step) -> str:
     """A step as a page; a workspace whose files cannot be read shows why."""
+    desk, version = state.desk, state.version
     why = step.locked(desk)
     try:
         body = (
@@ -225,6 +226,7 @@ def _page(desk: Desk, step: Step) -> str:
             "change": workspace.last_change,
             "versions": len(workspace.versions),
             "jobs": len(desk.jobs.running),
+            "version": version,
         },
     )
 

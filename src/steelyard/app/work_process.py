@@ -11,13 +11,14 @@ import os
 import sys
 import threading
 import traceback
+from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from steelyard.base.errors import SteelyardError
 from steelyard.base.files import remove_unfinished, whole_file
-from steelyard.base.progress import Event, Stopped
+from steelyard.base.progress import Event, Progress, Stopped
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -36,18 +37,21 @@ def main() -> None:
         events.flush()
         return not stop.is_set()
 
-    module, name = said["function"].split(":")
+    finish(said["function"], said["given"], Path(said["out"]), progress)
+
+
+def finish(function: str, given: Mapping[str, Any], out: Path, progress: Progress) -> None:
+    """Do a work, and write its result or its error; nothing if it is stopped."""
+    module, name = function.split(":")
     try:
-        found = {"result": getattr(import_module(module), name)(**said["given"], progress=progress)}
+        found = {"result": getattr(import_module(module), name)(**given, progress=progress)}
     except Stopped:
         return
     except SteelyardError as error:
         found = {"error": {"wrong": error.wrong, "where": error.where, "fix": error.fix}}
     except Exception as error:
-        if stop.is_set():
-            return
         found = {"error": _defect(error)}
-    with whole_file(Path(said["out"])) as part:
+    with whole_file(out) as part:
         part.write_text(json.dumps(found, allow_nan=False), encoding="utf-8")
 
 

@@ -2,7 +2,9 @@
 document.documentElement.dataset.theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
 // The page of a step: forms, files that are dropped, and changes that the server tells of.
 const byId = (name) => document.getElementById(name);
-let version = null, refreshing = null, again = false;
+let refreshing = null, again = false;
+
+const GONE = "The app does not answer. Is it still running? Start it again, and open its address: steelyard app";
 
 function say(words) {
   byId("message").textContent = words;
@@ -15,7 +17,7 @@ async function send(address, options) {
   try {
     answer = await fetch(address, options);
   } catch (error) {
-    say("The app does not answer. Is it still running? Start it again: steelyard app");
+    say(GONE);
     return false;
   }
   if (answer.ok) return true;
@@ -46,7 +48,9 @@ async function refresh() {
   document.body.dataset.busy = "yes";
   refreshing = (async () => {
     const answer = await fetch(location.pathname).catch(() => null);
-    if (answer && answer.ok) swap(new DOMParser().parseFromString(await answer.text(), "text/html"));
+    if (!answer) say(GONE);
+    else if (!answer.ok) say(await answer.text());
+    else swap(new DOMParser().parseFromString(await answer.text(), "text/html"));
   })();
   await refreshing;
   refreshing = null;
@@ -59,7 +63,7 @@ function swap(page) {
   const open = new Map([...document.querySelectorAll("details[id][data-touched]")].map((one) => [one.id, one.open]));
   for (const name of ["steps", "step"]) {
     const old = byId(name), fresh = page.getElementById(name);
-    if (!fresh || old.innerHTML === fresh.innerHTML && !fresh.querySelector("[data-keep]")) continue;
+    if (!fresh) continue;
     const kept = new Map([...old.querySelectorAll("[data-keep]")].map((one) => [one.dataset.keep, one]));
     fresh.querySelectorAll("[data-keep]").forEach((one) => {
       const before = kept.get(one.dataset.keep);
@@ -122,10 +126,9 @@ function listen() {
   events.onmessage = (event) => {
     const told = JSON.parse(event.data);
     showJobs(told.jobs);
-    if (version !== null && version !== told.version) refresh();
-    version = told.version;
+    if (byId("step").dataset.version !== String(told.version)) refresh();
   };
-  events.onerror = () => { version = -1; };
+  events.onerror = () => { if (events.readyState === EventSource.CLOSED) refresh(); };
 }
 
 document.addEventListener("submit", async (event) => {
@@ -162,7 +165,7 @@ function put(address, file, progress) {
     const request = new XMLHttpRequest();
     request.open("PUT", address);
     request.upload.addEventListener("progress", (event) => progress(event.loaded));
-    request.addEventListener("error", () => { say("The app does not answer."); done(false); });
+    request.addEventListener("error", () => { say(GONE); done(false); });
     request.addEventListener("load", () => {
       if (request.status < 300) { done(true); return; }
       try {
