@@ -25,7 +25,7 @@ from steelyard.base.progress import silent
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 """So that it draws in space without a graphics card."""
 
-PATIENCE_MS = 120_000.0  # for whatever a page waits for
+PATIENCE_MS = 60_000.0  # for whatever a page waits for
 
 
 @dataclass(eq=False)
@@ -237,6 +237,7 @@ class AtOnce:
     def __init__(self, workspace: Workspace) -> None:
         self.workspace = workspace
         self.running: dict[str, Job] = {}
+        self.latest: dict[str, str] = {}
         self.begun: list[Work] = []
 
     def start(self, work: Work) -> str:

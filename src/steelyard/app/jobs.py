@@ -34,9 +34,14 @@ class Work:
     words: str
     long: bool = False
 
+    @property
+    def name(self) -> str:
+        """Of the function with these arguments, on whatever files."""
+        return json.dumps([self.function, self.given], sort_keys=True)
+
     def key(self, workspace: Workspace) -> str:
         """Of the work on these files as they are now, 24 hexadecimal digits."""
-        said = json.dumps([self.function, self.given, workspace.mark(self.files)], sort_keys=True)
+        said = f"{self.name} {workspace.mark(self.files)}"
         return hashlib.sha256(said.encode()).hexdigest()[:24]
 
 
@@ -70,6 +75,7 @@ class Jobs:
     def __init__(self, workspace: Workspace) -> None:
         self.workspace = workspace
         self.running: dict[str, Job] = {}
+        self.latest: dict[str, str] = {}  # key of the latest result by the name of its work
         self._turns = {False: asyncio.Semaphore(AT_ONCE), True: asyncio.Semaphore(1)}
         self._tasks: set[asyncio.Task[None]] = set()
 

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -56,11 +56,20 @@ class Desk:
         return Outcome(key, found.get("result"), found.get("error"))
 
     def done(self, work: Work) -> Outcome:
-        """The same, of a work that is begun if it is not known."""
+        """The same, of a work that is begun if it is not known.
+
+        Until it is done, and if it fails, the result is the latest of the same function with the
+        same arguments, from files as they were, so that pages do not lose what they show.
+        """
         found = self.look(work)
         if found.result is None and found.error is None and found.job is None:
             self.jobs.start(work)
-            return self.look(work)
+            found = self.look(work)
+        latest = self.jobs.latest
+        if found.result is not None:
+            latest[work.name] = found.key
+        elif (key := latest.get(work.name)) and (before := self.known(key)) is not None:
+            return replace(found, key=key, result=before)
         return found
 
     def known(self, key: str) -> Any:
