@@ -61,6 +61,7 @@ def test_from_a_model_file_and_two_logs_to_a_model(
     visitor.idle()
     frame = visitor.page.frame_locator("iframe")
     assert "identified dynamics" in frame.locator("h1").inner_text()
+    assert serious_faults(visitor) == []
     monkeypatch.chdir(server.folder)
     for words in (
         ["init", "robot/arm.urdf", "logs/a.csv", "logs/b.csv", "-o", "same.toml", "--no-input"],

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from steelyard.app.workspace import Workspace
+from steelyard.base.files import write_json
 from steelyard.base.progress import Event, module_command
 
 LONGEST_LINE = 1 << 20  # bytes of a line that a process says
@@ -134,6 +135,14 @@ class Jobs:
                 job.since = time.monotonic()
             job.event = Event(phase, done, total, note)
         await process.wait()
+        died = {
+            "wrong": "the work ended without a result, as if it was killed",
+            "where": job.work.words,
+            "fix": "see that there is memory for it; then change something, or try it again",
+        }
+        path = self.workspace.derived(job.key)
+        if not job.stopping and not path.exists():
+            write_json(path, {"error": died})
 
 
 def _absolute_path() -> str:

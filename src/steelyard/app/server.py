@@ -48,6 +48,10 @@ STATIC: dict[str, tuple[Path, str]] = {
 """Files that pages load, by their names in addresses."""
 
 
+STAMP = str(max(path.stat().st_mtime_ns for path, _ in STATIC.values()))
+"""Part of their addresses, so that browsers keep them, but not those of another version."""
+
+
 @dataclass(eq=False)
 class State:
     """What changes while the server runs: a number that grows with every change of the files."""
@@ -62,11 +66,17 @@ class State:
         jobs = [job.progress for job in self.desk.jobs.running.values()]
         return json.dumps({"version": self.version, "jobs": jobs})
 
+    def _seen(self) -> str:
+        try:
+            return self.desk.workspace.fingerprint()
+        except OSError:  # a folder that goes while it is looked at
+            return ""
+
     async def watch(self) -> None:
         """Look at the files and jobs for ever, and tell all pages what changes."""
         seen, said = "", ""
         while True:
-            now = await asyncio.to_thread(self.desk.workspace.fingerprint)
+            now = await asyncio.to_thread(self._seen)
             now += ",".join(self.desk.jobs.running)
             self.version += now != seen
             seen = now
@@ -149,8 +159,9 @@ def application(workspace: Workspace) -> "Starlette":
                 "there is no such file", where=request.url.path, fix="load the page again"
             )
         path, kind = found
-        packed = {"content-encoding": "gzip"} if path.suffix == ".gz" else {}
-        return Response(path.read_bytes(), media_type=kind, headers=packed)
+        headers = {"cache-control": "private, max-age=86400"}  # the address changes with the file
+        headers |= {"content-encoding": "gzip"} if path.suffix == ".gz" else {}
+        return Response(path.read_bytes(), media_type=kind, headers=headers)
 
     async def events(request: "Request") -> Response:
         queue: asyncio.Queue[str] = asyncio.Queue()
@@ -227,6 +238,7 @@ def _page(state: State, step: Step) -> str:
             "versions": len(workspace.versions),
             "jobs": len(desk.jobs.running),
             "version": version,
+            "static": STAMP,
         },
     )
 

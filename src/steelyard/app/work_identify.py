@@ -5,10 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from steelyard.base.files import whole_folder
+from steelyard.app.workspace import DERIVED
+from steelyard.base.files import explained, whole_folder
 from steelyard.base.progress import Progress
 from steelyard.identify.comparison.compare import compare_models
 from steelyard.identify.identify import identify as identified
+from steelyard.report.result import Result
 from steelyard.robot.file.robot_file import load_robot
 
 
@@ -37,8 +39,7 @@ def identify(
         )
     else:
         found = identified(robot, logs, validate, progress=progress)
-    with whole_folder(Path(folder)) as part:
-        found.write(part)
+    _written(found, folder)
     return {"folder": folder, "level": found.verdict.level, "line": found.verdict.line}
 
 
@@ -47,6 +48,14 @@ def compare(
 ) -> dict[str, Any]:
     """What `steelyard compare-models MODEL... --on LOG... -o FOLDER` does."""
     found = compare_models(models, logs, progress=progress)
-    with whole_folder(Path(folder)) as part:
-        found.write(part)
+    _written(found, folder)
     return {"folder": folder}
+
+
+def _written(found: Result, folder: str) -> None:
+    """Write a result's files; what a killed process leaves lies where the next start clears it."""
+    beside = Path(DERIVED) / Path(folder).name
+    with whole_folder(beside) as part:
+        found.write(part)
+    with explained(Path(folder)):
+        beside.rename(folder)

@@ -15,7 +15,7 @@ from steelyard.runs.recording import Recording
 from steelyard.runs.runs_of_named_logs import log_file, recording_of, signals_of
 
 MOST_ROWS = 20_000  # rows of a log that are kept for pictures
-MOST_POINTS = 1500  # points of a curve
+MOST_POINTS = 1000  # points of a curve
 MOST_FRAMES = 3000  # postures of a replay
 COLOURS = ("--blue", "--vermillion", "--green", "--purple", "--amber", "--arm")
 

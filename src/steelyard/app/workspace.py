@@ -10,6 +10,7 @@ import hashlib
 import json
 import os
 import re
+import shutil
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +31,7 @@ KINDS = {
 """Folders that files are dropped into, and the suffixes that they take."""
 
 ROBOT_MODELS = (".urdf", ".xacro", ".xml", ".mjcf")
+MOST_RESULTS = 300  # of works that are kept
 MOST_VERSIONS = 1000  # of the robot file that are kept
 LONGEST_NAME, DEEPEST_NAME = 120, 8  # characters of a name, folders in a path
 
@@ -236,6 +238,24 @@ class Workspace:
         return self.mark(sorted(names))
 
 
+def _tidy(folder: Path) -> None:
+    """Remove parts of files that a killed app left, and results that were long not needed."""
+    for name in (".", MODEL_FILES, LOGS, REPORTS, HISTORY):
+        for part in (folder / name).glob(".*.part"):
+            if part.is_file():
+                part.unlink()
+    *old, _ = [*sorted((folder / DERIVED).glob("*.json"), key=_written)[:-MOST_RESULTS], None]
+    for left in (p for p in (folder / DERIVED).iterdir() if p.suffix != ".json" or p in old):
+        if left.is_dir():
+            shutil.rmtree(left)
+        else:
+            left.unlink()
+
+
+def _written(path: Path) -> int:
+    return path.stat().st_mtime_ns
+
+
 def digest(text: str) -> str:
     """Of a text."""
     return hashlib.sha256(text.encode()).hexdigest()
@@ -249,6 +269,7 @@ def opened(folder: Path) -> Workspace:
         (workspace.folder / DERIVED).mkdir(exist_ok=True)
         for name in (MODEL_FILES, LOGS, MODELS, REPORTS):
             workspace.path(name).mkdir(exist_ok=True)
+        _tidy(workspace.folder)
     except OSError as error:
         raise OutputError(
             f"the folder cannot be used: {error.strerror}",

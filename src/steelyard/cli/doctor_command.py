@@ -16,6 +16,7 @@ from steelyard.cli.commands_from_functions import from_function
 from steelyard.cli.shared_by_commands import print_json, print_lines
 
 EXTRA_PACKAGES = {
+    "app": "`steelyard app`",
     "polars": "logs in Parquet, results as data frames, CSV logs ten times faster",
     "population": "genetic search and CMA-ES in `excite` and `compare`",
     "replay": "`steelyard replay`",

@@ -67,7 +67,10 @@ function swap(page) {
     const kept = new Map([...old.querySelectorAll("[data-keep]")].map((one) => [one.dataset.keep, one]));
     fresh.querySelectorAll("[data-keep]").forEach((one) => {
       const before = kept.get(one.dataset.keep);
-      if (before) one.replaceWith(before);
+      if (!before) return;
+      const fresh = one.querySelector("[data-motion]"), place = before.querySelector("[data-motion]");
+      if (fresh && place) place.dataset.motion = fresh.dataset.motion;
+      one.replaceWith(before);
     });
     old.replaceWith(document.adoptNode(fresh));
   }
@@ -88,7 +91,8 @@ function markBusy(sending) {
 function begin() {
   markBusy(false);
   document.querySelectorAll("#step table").forEach((one) => { if (one.dataset.sort) makeSortable(one); });
-  window.dispatchEvent(new Event("content"));
+  // words are painted first, then pictures are drawn
+  requestAnimationFrame(() => setTimeout(() => window.dispatchEvent(new Event("content")), 0));
 }
 
 function showJobs(jobs) {

@@ -8,10 +8,20 @@ class Arm {
     this.robot = robot;
     this.q = robot.joints.map((joint) => joint.at);
     this.shown = { masses: [], solids: [] };
-    this.motion = motion && { t: unpacked(motion.t), q: unpacked(motion.q) };
+    this.motion = motion && Arm.unpackedMotion(motion);
     this.build();
     this.controls();
     this.pose();
+  }
+
+  static unpackedMotion(motion) {
+    return { t: unpacked(motion.t), q: unpacked(motion.q) };
+  }
+
+  // Another log: the same arm, moved otherwise.
+  move(motion) {
+    this.motion = Arm.unpackedMotion(motion);
+    this.rewind();
   }
 
   colour(name) { return new Three.Color(themed(name)); }
@@ -189,13 +199,10 @@ class Arm {
 
   // Positions along the log, between two samples on a straight line; curves have a mark there.
   replay(arm) {
-    const { t, q } = this.motion, n = q.length / t.length;
     const slider = arm.querySelector("[data-time]"), button = arm.querySelector("[data-play]"), now = arm.querySelector("[data-now]");
-    slider.min = t[0];
-    slider.max = t[t.length - 1];
-    slider.value = t[0];
     let before = null;
     const show = () => {
+      const { t, q } = this.motion, n = q.length / t.length;
       const at = Number(slider.value);
       let low = 0, high = t.length - 1;
       while (high - low > 1) { const mid = (low + high) >> 1; if (t[mid] <= at) low = mid; else high = mid; }
@@ -223,7 +230,15 @@ class Arm {
     };
     button.addEventListener("click", () => play(before === null));
     slider.addEventListener("input", () => { play(false); show(); });
-    show();
+    this.rewind = () => {
+      const { t } = this.motion;
+      play(false);
+      slider.min = t[0];
+      slider.max = t[t.length - 1];
+      slider.value = t[0];
+      show();
+    };
+    this.rewind();
   }
 }
 
@@ -247,20 +262,23 @@ function markTime(at) {
   });
 }
 
-async function drawScenes() {
-  for (const place of document.querySelectorAll(".space3d")) {
-    if (SCENES.has(place)) continue;
-    SCENES.set(place, null);
-    const got = [place.dataset.scene, place.dataset.motion].map(async (address) => (
-      address ? (await (await fetch(address)).json()).result : null));
-    try {
-      const [robot, motion] = await Promise.all(got);
-      SCENES.set(place, new Arm(place, robot, motion && motion.motion));
-      place.dataset.drawn = "yes";
-    } catch (error) {
-      place.textContent = `The robot cannot be drawn: ${error.message}`;
-    }
-  }
+const resultAt = async (address) => (address ? (await (await fetch(address)).json()).result : null);
+
+// A scene is made once; then its arm only moves along another log.
+function drawScene(place) {
+  const { scene, motion } = place.dataset, before = SCENES.get(place);
+  if (before && before.motion === motion) return;
+  const ready = (before ? before.ready : Promise.resolve(null)).then(async (arm) => {
+    const [robot, moved] = await Promise.all([arm ? null : resultAt(scene), resultAt(motion)]);
+    if (arm) arm.move(moved.motion);
+    const made = arm || new Arm(place, robot, moved && moved.motion);
+    place.dataset.drawn = "yes";
+    return made;
+  }).catch((error) => {
+    place.textContent = `The robot cannot be drawn: ${error.message}`;
+    return null;
+  });
+  SCENES.set(place, { motion, ready });
 }
 
-window.addEventListener("content", drawScenes);
+window.addEventListener("content", () => document.querySelectorAll(".space3d").forEach(drawScene));
