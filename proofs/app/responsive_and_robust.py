@@ -27,15 +27,16 @@ MANY_LOGS = 20
 CLICK = """async log => {
   const button = () => [...document.querySelectorAll("form[data-post='/logs/show'] button")]
     .find(one => one.value === log);
-  const painted = () => new Promise(done => requestAnimationFrame(() => setTimeout(done, 0)));
   const start = performance.now();
-  button().click();
-  while (!button().disabled) await painted();
-  await painted();
+  await new Promise(done => {
+    const seen = new MutationObserver(() => { if (button().disabled) done(); });
+    seen.observe(document.body, { childList: true, subtree: true });
+    button().click();
+  });
   return performance.now() - start;
 }"""
-"""Click `Show` of a log; the time until the page that shows it is painted, without its curves [ms].
-"""
+"""Click `Show` of a log; the time until the page is the one that shows it, which is before it is
+painted and its curves are drawn [ms]."""
 
 PAUSE_S = 0.6  # of the user between two clicks
 
@@ -107,6 +108,7 @@ def _claim(
 ) -> Claim:
     found = _measured(visitor, names, lambda: True) if times is None else times
     value = f"median {np.median(found):.0f}, largest {max(found):.0f} ms of {len(found)}"
+    value += f" (load of the machine {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores)"
     return Claim(f"a click beside {what}", value, f"below {MOST_MS:.0f} ms", max(found) < MOST_MS)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from app.guided import Server
 
+SERVER_FAILED = 500  # the least status that says so
 SECRET = "the secret beside the workspace"
 FORM = json.dumps({"log": "logs/a.csv"}).encode()
 
@@ -192,6 +193,8 @@ def got_through(server: Server, one: Try) -> str:
         return "it read what is outside"
     if status < 400:
         return f"it was answered with {status}"
+    if status >= SERVER_FAILED:
+        return f"the server failed with {status}"
     if _state(server.folder) != before:
         return "it changed files"
     return ""

@@ -47,8 +47,8 @@ def test_what_is_missing_comes_with_the_line_that_installs_it(
     )
     text = command("doctor").stdout
     marks = [line.split()[0] for line in text.splitlines() if " extra " in line[:20]]
-    assert "wrong" in text and marks == ["optional"] * 3
-    left = "optional extras that are not installed: polars, population, replay"
+    assert "wrong" in text and marks == ["optional"] * 4
+    left = "optional extras that are not installed: app, polars, population, replay"
     assert f"To be corrected: packages; {left}" in " ".join(text.split())
 
 

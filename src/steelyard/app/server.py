@@ -140,14 +140,19 @@ def application(workspace: Workspace) -> "Starlette":
         return Response(status_code=204)
 
     async def derived(request: "Request") -> Response:
-        return FileResponse(
-            workspace.derived(request.path_params["key"]), media_type="application/json"
-        )
+        path = workspace.derived(request.path_params["key"])
+        if not path.is_file():
+            raise OutputError("there is no such result", where=path.stem, fix="load the page again")
+        return FileResponse(path, media_type="application/json")
 
     async def report(request: "Request") -> Response:
         name = request.path_params["name"]
         path = workspace.path(name)
-        if path.suffix != ".html" or not name.startswith(("models/", "reports/")):
+        if (
+            path.suffix != ".html"
+            or not path.is_file()
+            or not name.startswith(("models/", "reports/"))
+        ):
             raise OutputError("this is no report", where=name, fix="choose one on a page")
         headers = {"content-security-policy": SANDBOX}
         return FileResponse(path, media_type="text/html", headers=headers)
@@ -305,7 +310,7 @@ def serve(folder: Path, port: int, browser: bool, say: Callable[[str], None]) ->
     address = f"http://{HOST}:{port}/?token={guard.token}"
     say(address)
     settings = uvicorn.Config(
-        guard, log_level="warning", access_log=False, server_header=False, ws="none",
+        guard, log_level="error", access_log=False, server_header=False, ws="none",
         timeout_graceful_shutdown=1,
     )  # fmt: skip
     if browser:
