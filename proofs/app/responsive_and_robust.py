@@ -1,6 +1,5 @@
 """The app under load and when it is killed: clicks answered in time, no half file after kill -9."""
 
-import json
 import os
 import sys
 import tempfile
@@ -139,32 +138,9 @@ def _long(folder: Path, server: Server) -> None:
     part.rename(folder / "logs" / "zz_long.csv")
     server.act("/logs/show", log="logs/zz_long.csv")
     server.own("GET", "/logs")
-    key = _running(server, "zz_long")
-    while key and key in _jobs(server):
+    key = server.running("zz_long")
+    while key and key in server.jobs():
         time.sleep(0.1)
-
-
-def _jobs(server: Server) -> dict[str, str]:
-    """Keys of running works and their words, from the first event of the server."""
-    import http.client
-
-    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
-    connection.request("GET", "/events", headers={"Cookie": server.cookie})
-    line = connection.getresponse().readline()
-    connection.close()
-    told = json.loads(line.removeprefix(b"data: "))
-    return {job["key"]: job["words"] for job in told["jobs"]}
-
-
-def _running(server: Server, words: str, most: float = 20.0) -> str:
-    """The key of a work, once it runs; empty if it never does."""
-    end = time.monotonic() + most
-    while time.monotonic() < end:
-        for key, said in _jobs(server).items():
-            if words in said:
-                return key
-        time.sleep(0.02)
-    return ""
 
 
 def _state(folder: Path) -> dict[str, bytes]:
@@ -179,18 +155,18 @@ def _kills(folder: Path, arm: Path) -> list[Claim]:
     with serving(folder) as server:
         server.enter()
         server.act("/robot/added")
-        _done(server)
+        server.idle()
         server.act("/check/run")
-        _done(server)
+        server.idle()
     for seconds in KILLED_AFTER:
         with serving(folder) as server:
             server.enter()
             status, _ = server.act("/identify/run")
             assert status == 204
             before = _state(folder)
-            assert _running(server, "identifying")
+            assert server.running("identifying")
             time.sleep(seconds)
-            late += "identifying" not in "".join(_jobs(server).values())
+            late += "identifying" not in "".join(server.jobs().values())
             server.kill()
         alive += not _gone(folder)
         after = _state(folder)
@@ -199,7 +175,7 @@ def _kills(folder: Path, arm: Path) -> list[Claim]:
     with serving(folder) as server:
         server.enter()
         assert server.act("/identify/run")[0] == 204
-        _done(server)
+        server.idle()
     models = [p for p in (folder / "models").iterdir()]
     whole = [p for p in models if (p / "model.json").exists() and (p / "report.html").exists()]
     count = len(KILLED_AFTER)
@@ -213,13 +189,6 @@ def _kills(folder: Path, arm: Path) -> list[Claim]:
         Claim("models that are whole, after a restart and another fit",
               f"{len(whole)} of {len(models)}", "all", 0 < len(whole) == len(models)),
     ]  # fmt: skip
-
-
-def _done(server: Server) -> None:
-    """Wait until no work runs."""
-    time.sleep(0.2)
-    while _jobs(server):
-        time.sleep(0.1)
 
 
 def _gone(folder: Path, most: float = 10.0) -> bool:

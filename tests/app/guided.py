@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -78,6 +79,33 @@ class Server:
     def act(self, path: str, **values: Any) -> tuple[int, bytes]:
         """The answer to a form."""
         return self.own("POST", path, json.dumps(values).encode())
+
+    def jobs(self) -> dict[str, str]:
+        """Keys of running works and their words, from the first event."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
+        connection.request("GET", "/events", headers={"Cookie": self.cookie})
+        line = connection.getresponse().readline()
+        connection.close()
+        return {
+            job["key"]: job["words"] for job in json.loads(line.removeprefix(b"data: "))["jobs"]
+        }
+
+    def running(self, words: str, most: float = 60.0) -> str:
+        """The key of a work, once it runs; empty if it never does."""
+        end = time.monotonic() + most
+        while time.monotonic() < end:
+            for key, said in self.jobs().items():
+                if words in said:
+                    return key
+        return ""
+
+    def idle(self, most: float = 120.0) -> bool:
+        """Wait until no work runs; whether that comes."""
+        end = time.monotonic() + most
+        while self.jobs():
+            if time.monotonic() > end:
+                return False
+        return True
 
     def kill(self) -> None:
         """End it as `kill -9` does."""

@@ -20,6 +20,8 @@ from steelyard.base.errors import DataError, SteelyardError
 from steelyard.cli.app import app
 from steelyard.robot.file.toml_schema import tomllib
 
+pytestmark = pytest.mark.slow
+
 EVIL = "<script>document.body.dataset.errors='ran'</script>"
 
 

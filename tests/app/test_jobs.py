@@ -1,0 +1,124 @@
+"""Works in processes of a running app: stopped, killed with it, and what they leave."""
+
+import json
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from app.guided import Server, serving
+from steelyard.app.work_process import finish
+from steelyard.base.errors import DataError
+from steelyard.base.progress import Event, Progress, report_progress, silent
+
+
+def doubled(number: float, progress: Progress) -> float:
+    """A work of the tests; it fails for 0 and for 13."""
+    report_progress(progress, "doubling", 0.0, 1.0)
+    if number == 0:
+        raise DataError("zero", where="here", fix="another")
+    return 26.0 / (number - 13.0)
+
+
+@pytest.mark.parametrize(
+    ("number", "stop", "found"),
+    [
+        (11.0, False, {"result": -13.0}),
+        (0.0, False, {"error": {"wrong": "zero", "where": "here", "fix": "another"}}),
+        (11.0, True, None),
+    ],
+)
+def test_a_work_leaves_its_result_or_its_error_or_nothing(
+    tmp_path: Path, number: float, stop: bool, found: object
+) -> None:
+    def progress(event: Event) -> bool:
+        return not stop
+
+    out = tmp_path / "out.json"
+    finish(f"{__name__}:doubled", {"number": number}, out, progress)
+    assert (json.loads(out.read_text()) if out.exists() else None) == found
+
+
+def test_a_defect_is_an_error_that_names_its_place(tmp_path: Path) -> None:
+    out = tmp_path / "out.json"
+    finish(f"{__name__}:doubled", {"number": 13.0}, out, silent)
+    error = json.loads(out.read_text())["error"]
+    assert "ZeroDivisionError" in error["wrong"] and "test_jobs.py" in error["where"]
+
+
+@pytest.fixture
+def checked(tmp_path: Path, arm: Path) -> Iterator[Path]:
+    """A workspace whose logs are checked."""
+    pytest.importorskip("starlette")
+    folder = tmp_path / "workspace"
+    for kind, name in (("robot", "arm.urdf"), ("logs", "a.csv"), ("logs", "b.csv")):
+        (folder / kind).mkdir(parents=True, exist_ok=True)
+        (folder / kind / name).write_bytes((arm / name).read_bytes())
+    with serving(folder) as server:
+        server.enter()
+        assert server.act("/robot/added")[0] == 204 and server.idle()
+        assert server.act("/check/run")[0] == 204 and server.idle()
+    yield folder
+
+
+def fitting(server: Server) -> str:
+    """Begin a fit; its key."""
+    server.enter()
+    assert server.act("/identify/run")[0] == 204
+    key = server.running("identifying")
+    assert key
+    return key
+
+
+@pytest.mark.slow
+def test_a_fit_that_is_stopped_leaves_everything_as_it_was(checked: Path) -> None:
+    with serving(checked) as server:
+        key = fitting(server)
+        assert server.act(f"/stop/{key}")[0] == 204
+        assert server.idle()
+        assert not list((checked / "models").iterdir())
+        assert b"Identify</button>" in server.own("GET", "/identify")[1]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/cwd").exists(), reason="processes are counted in /proc")
+def test_a_fit_ends_with_a_server_that_is_killed(checked: Path) -> None:
+    with serving(checked) as server:
+        fitting(server)
+        before = (checked / "robot.toml").read_text()
+        server.kill()
+    end = time.monotonic() + 60.0
+    while working_in(checked) and time.monotonic() < end:
+        pass
+    assert not working_in(checked)
+    with serving(checked) as server:
+        server.enter()
+        assert server.own("GET", "/identify")[0] == 200
+    assert (checked / "robot.toml").read_text() == before
+    assert not list((checked / "models").iterdir())
+    assert not [p for p in checked.rglob("*") if p.name.endswith(".part")]
+
+
+def working_in(folder: Path) -> list[str]:
+    """Processes whose current folder it is."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            found += [process.name] * (os.readlink(process / "cwd") == str(folder))
+        except OSError:
+            continue
+    return found
+
+
+@pytest.mark.slow
+def test_an_occupied_port_is_refused(checked: Path) -> None:
+    from typer.testing import CliRunner
+
+    from steelyard.cli.app import app
+
+    with serving(checked) as server:
+        words = ["app", str(checked), "--no-browser", "--port", str(server.port)]
+        done = CliRunner().invoke(app, words)
+        assert done.exit_code == 2 and f"port {server.port} cannot be used" in done.output
