@@ -5,12 +5,14 @@ import sys
 import tempfile
 import zipfile
 from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 
 from proofs.support.claims import Claim, main_of
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
-from app.guided import Visitor, serving, simulated_arm, visiting  # noqa: E402
+from app.guided import Visitor, another_tab, serving, simulated_arm, visiting  # noqa: E402
 from app.hostile import SECRET, got_through, prepared, tries  # noqa: E402
 
 LEAST = 200
@@ -112,25 +114,26 @@ def _files(folder: Path, arm: Path) -> list[Claim]:
     robots = [(f"{n}.urdf" if "." not in n else n, t.encode()) for n, t in _robots(urdf, secret)]
     cases = [(robot, ("a.csv", log.encode())) for robot in robots]
     cases += [(("arm.urdf", urdf.encode()), one) for one in _logs(log)]
-    ran, lost, hung, most = list[str](), list[str](), list[str](), 0.0
-    for number, (robot, one) in enumerate(cases):
-        what = robot[0] if robot[0] != "arm.urdf" else one[0]
-        for name, content in (robot, one):
-            (given / name).write_bytes(content)
-        workspace = folder / f"workspace{number}"
-        with serving(workspace) as server, visiting(server.address) as visitor:
-            visitor.drop("robot", given / robot[0])
-            hung += _waited(visitor, what)
-            visitor.page.goto(f"{server.origin}/logs")
-            if visitor.page.locator("#files-logs").count():
-                visitor.drop("logs", given / one[0])
-            for step in STEPS:
-                visitor.page.goto(f"{server.origin}/{step}")
-                hung += _waited(visitor, what)
-                ran += [what] * bool(visitor.page.evaluate("document.body.dataset.errors || ''"))
-                lost += [what] * (SECRET in visitor.page.content())
-            most = max(most, _memory(server.process.pid))
-        ran += [what] * any(p.name == "ran" for p in folder.rglob("ran"))
+    ran, lost, hung, most, browser = list[str](), list[str](), list[str](), 0.0, None
+    with ExitStack() as stack:
+        for number, (robot, one) in enumerate(cases):
+            what = robot[0] if robot[0] != "arm.urdf" else one[0]
+            for name, content in (robot, one):
+                (given / name).write_bytes(content)
+            with serving(folder / f"workspace{number}") as server:
+                if browser is None:
+                    visitor = stack.enter_context(visiting(server.address))
+                    browser = visitor.page.context
+                else:
+                    visitor = another_tab(browser, server.address)
+                seen = _seen(visitor, server.origin, given / robot[0], given / one[0])
+                ran += [what] * seen.ran
+                lost += [what] * seen.lost
+                hung += [what] * seen.hung
+                most = max(most, _memory(server.process.pid))
+                visitor.page.close()
+            ran += [what] * any(p.name == "ran" for p in folder.rglob("ran"))
+            print(f"{what}: {seen}", file=sys.stderr)
     return [
         Claim(f"files whose names or contents ran, of {len(cases)}", str(len(ran)), "0", not ran),
         Claim("files that showed what is outside of the workspace", str(len(lost)), "0", not lost),
@@ -141,14 +144,40 @@ def _files(folder: Path, arm: Path) -> list[Claim]:
     ]  # fmt: skip
 
 
-def _waited(visitor: Visitor, what: str) -> list[str]:
+@dataclass
+class Seen:
+    """What happened with two files: a script ran, the secret was shown, the app was not ready."""
+
+    ran: bool = False
+    lost: bool = False
+    hung: bool = False
+
+
+def _seen(visitor: Visitor, origin: str, robot: Path, log: Path) -> Seen:
+    """Drop both files, and look at every step."""
+    seen = Seen()
+    visitor.drop("robot", robot)
+    seen.hung |= not _ready(visitor)
+    visitor.page.goto(f"{origin}/logs")
+    if visitor.page.locator("#files-logs").count():
+        visitor.drop("logs", log)
+        seen.hung |= not _ready(visitor)
+    for step in STEPS:
+        visitor.page.goto(f"{origin}/{step}")
+        seen.hung |= not _ready(visitor)
+        seen.ran |= bool(visitor.page.evaluate("document.body.dataset.errors || ''"))
+        seen.lost |= SECRET in visitor.page.content()
+    return seen
+
+
+def _ready(visitor: Visitor) -> bool:
     from playwright.sync_api import Error
 
     try:
         visitor.idle()
     except Error:
-        return [what]
-    return []
+        return False
+    return True
 
 
 def _memory(process: int) -> float:

@@ -90,6 +90,7 @@ class State:
 def application(workspace: Workspace) -> "Starlette":
     """The application of a workspace, without its guard."""
     from starlette.applications import Starlette
+    from starlette.requests import ClientDisconnect
     from starlette.responses import FileResponse, RedirectResponse, Response, StreamingResponse
     from starlette.routing import Route
 
@@ -136,7 +137,10 @@ def application(workspace: Workspace) -> "Starlette":
         if kind not in KINDS:
             raise OutputError("there is no such folder", where=kind, fix="load the page again")
         path = workspace.new_file(kind, request.path_params["name"])
-        await _store(request, path)
+        try:
+            await _store(request, path)
+        except ClientDisconnect:
+            return Response(status_code=400)
         return Response(status_code=204)
 
     async def derived(request: "Request") -> Response:
