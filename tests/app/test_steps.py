@@ -16,7 +16,9 @@ from steelyard.app.step_identify import STEP as IDENTIFY
 from steelyard.app.step_logs import STEP as LOGS
 from steelyard.app.step_logs import preview_work
 from steelyard.app.step_robot import scene_of
+from steelyard.app.work_check import _edits, picture_of
 from steelyard.base.errors import DataError, SteelyardError
+from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Severity
 from steelyard.cli.app import app
 from steelyard.robot.file.toml_schema import tomllib
 
@@ -204,3 +206,27 @@ def test_forms_that_lack_fields_are_refused(ready: Finished) -> None:
         for form in ({}, {"log": 3}, {"log": "../x", "model": "x", "finding": "x", "first": []}):
             with pytest.raises(SteelyardError):
                 ready.act(step, action, **form)
+
+
+def test_lines_that_were_tried_together_are_written_together() -> None:
+    one, other, apart = (Edit(("signals", name), 1) for name in ("a", "b", "c"))
+
+    def found(log: str, edit: Edit, jointly: bool) -> Finding:
+        return Finding("check", log, Severity.WRONG, "says", fix=Fix("do", (edit,), jointly))
+
+    every = [found("x", one, True), found("x", other, True), found("x", apart, False)]
+    every.append(found("y", apart, True))
+    assert _edits(every[0], every) == (one, other)
+    assert _edits(every[2], every) == (apart,)
+    assert _edits(Finding("check", "x", Severity.OK, "says"), every) == ()
+
+
+def test_a_finding_without_a_picture_shows_its_hypotheses() -> None:
+    rivals = (
+        ComparedHypothesis("as declared", 12.0, -30.0, True),
+        ComparedHypothesis("b", 4.0, 0.0),
+    )
+    shown = picture_of(Finding("order", "x", Severity.WRONG, "says", hypotheses=rivals))
+    assert shown is not None
+    assert [trace.y.tolist() for trace in shown.traces] == [[12.0], [4.0]]
+    assert picture_of(Finding("order", "x", Severity.WRONG, "says")) is None

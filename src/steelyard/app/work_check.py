@@ -10,7 +10,7 @@ import numpy as np
 from steelyard.base.files import whole_file
 from steelyard.base.progress import Progress
 from steelyard.check.check import check
-from steelyard.check.finding import Finding, Picture, Trace
+from steelyard.check.finding import Edit, Finding, Picture, Trace
 from steelyard.check.findings_text_and_page import check_headline, drawn_picture, edit_dict, tally
 from steelyard.report.words import significant
 from steelyard.robot.file.toml_edits import lines_of
@@ -30,7 +30,8 @@ def findings(robot: str, logs: Sequence[str], report: str, progress: Progress) -
         "severity": diagnosis.severity.word,
         "notes": list(found.content.notes),
         "findings": [
-            _finding(one) for one in sorted(diagnosis.findings, key=lambda one: -one.severity)
+            _finding(one, _edits(one, diagnosis.findings))
+            for one in sorted(diagnosis.findings, key=lambda one: -one.severity)
         ],
     }
 
@@ -39,7 +40,17 @@ def _json(values: dict[str, Any]) -> str:
     return json.dumps(values, indent=1, allow_nan=False) + "\n"
 
 
-def _finding(finding: Finding) -> dict[str, Any]:
+def _edits(finding: Finding, every: Sequence[Finding]) -> tuple[Edit, ...]:
+    """Changes of the robot file for a finding, with those that were tried together with them."""
+    fix = finding.fix
+    if fix is None or not (fix.jointly and fix.edits):
+        return () if fix is None else fix.edits
+    fixes = (one.fix for one in every if one.log == finding.log)
+    together = (edit for one in fixes if one is not None and one.jointly for edit in one.edits)
+    return tuple({edit.path: edit for edit in together}.values())
+
+
+def _finding(finding: Finding, edits: Sequence[Edit]) -> dict[str, Any]:
     fix, picture = finding.fix, picture_of(finding)
     return {
         "check": finding.check,
@@ -51,8 +62,8 @@ def _finding(finding: Finding) -> dict[str, Any]:
         "figure": finding.figure,
         "picture": None if picture is None else drawn_picture(picture),
         "fix": None if fix is None else fix.says,
-        "lines": "" if fix is None else lines_of(fix.edits),
-        "edits": [] if fix is None else [edit_dict(edit) for edit in fix.edits],
+        "lines": lines_of(edits),
+        "edits": [edit_dict(edit) for edit in edits],
     }
 
 
