@@ -14,7 +14,7 @@ from app.guided import Finished
 from steelyard.app.step_check import check_work, passed, reason_of
 from steelyard.app.step_identify import STEP as IDENTIFY
 from steelyard.app.step_logs import STEP as LOGS
-from steelyard.app.step_logs import preview_work
+from steelyard.app.step_logs import columns_work, preview_work
 from steelyard.app.step_robot import scene_of
 from steelyard.app.work_check import _edits, picture_of
 from steelyard.base.errors import DataError, SteelyardError
@@ -230,3 +230,12 @@ def test_a_finding_without_a_picture_shows_its_hypotheses() -> None:
     assert shown is not None
     assert [trace.y.tolist() for trace in shown.traces] == [[12.0], [4.0]]
     assert picture_of(Finding("order", "x", Severity.WRONG, "says")) is None
+
+
+def test_of_very_many_or_very_long_columns_some_are_offered(ready: Finished) -> None:
+    Path("logs/wide.csv").write_text(
+        ",".join(["x" * 500, *(f"c{k}" for k in range(3000))]) + "\n1\n"
+    )
+    found = ready.done(columns_work("logs/wide.csv")).result
+    assert found["columns"][0] == "c0" and len(found["columns"]) + found["more"] == 3001
+    assert len(found["columns"]) <= 1000

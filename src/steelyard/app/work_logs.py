@@ -14,6 +14,7 @@ from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs.recording import Recording
 from steelyard.runs.runs_of_named_logs import log_file, recording_of, signals_of
 
+MOST_COLUMNS, LONGEST_COLUMN = 1000, 200  # columns to choose from, letters of the name of one
 MOST_ROWS = 20_000  # rows of a log that are kept for pictures
 MOST_POINTS = 1000  # points of a curve
 MOST_FRAMES = 3000  # postures of a replay
@@ -21,9 +22,11 @@ COLOURS = ("--blue", "--vermillion", "--green", "--purple", "--amber", "--arm")
 
 
 def columns(log: str, progress: Progress) -> dict[str, Any]:
-    """Names of the columns of a log."""
+    """Names of the columns of a log to choose from, and how many there are more."""
     found = open_log(log_file(log).path)
-    return {"columns": list(dict.fromkeys(found.columns))}
+    names = list(dict.fromkeys(found.columns))
+    offered = [name for name in names if len(name) <= LONGEST_COLUMN][:MOST_COLUMNS]
+    return {"columns": offered, "more": len(names) - len(offered)}
 
 
 def preview(robot: str, log: str, progress: Progress) -> dict[str, Any]:

@@ -20,6 +20,8 @@ from steelyard.base.errors import SteelyardError
 from steelyard.base.files import remove_unfinished, whole_file
 from steelyard.base.progress import Event, Progress, Stopped
 
+LONGEST_WORDS = 2000  # letters of an error, which may quote a file
+
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
@@ -48,7 +50,8 @@ def finish(function: str, given: Mapping[str, Any], out: Path, progress: Progres
     except Stopped:
         return
     except SteelyardError as error:
-        found = {"error": {"wrong": error.wrong, "where": error.where, "fix": error.fix}}
+        said = {"wrong": error.wrong, "where": error.where, "fix": error.fix}
+        found = {"error": {name: text[:LONGEST_WORDS] for name, text in said.items()}}
     except Exception as error:
         found = {"error": _defect(error)}
     with whole_file(out) as part:
