@@ -26,7 +26,7 @@ from steelyard.base.progress import silent
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 """So that it draws in space without a graphics card."""
 
-PATIENCE_MS = 60_000.0  # for whatever a page waits for
+PATIENCE_MS = 180_000.0  # for whatever a page waits for
 
 
 @dataclass(eq=False)
