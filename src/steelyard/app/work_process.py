@@ -20,6 +20,7 @@ from steelyard.base.errors import SteelyardError
 from steelyard.base.files import remove_unfinished, whole_file
 from steelyard.base.progress import Event, Progress, Stopped
 
+BEHIND_PAGES = 10  # by how much the priority is less than that of server and browser
 LONGEST_WORDS = 2000  # letters of an error, which may quote a file
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -28,6 +29,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 def main() -> None:
     """Do the work, and write its result."""
     said = json.loads(sys.stdin.buffer.readline())
+    if sys.platform != "win32":
+        os.nice(BEHIND_PAGES)
     events = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what libraries print is no event
     stop = threading.Event()
