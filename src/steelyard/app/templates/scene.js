@@ -111,7 +111,12 @@ class Arm {
       this.q = own.map((value, k) => (Number.isFinite(posture[k]) ? posture[k] : value));
       this.turn();
       this.root.updateMatrixWorld(true);
-      this.groups.forEach((group) => { point.setFromMatrixPosition(group.matrixWorld); low.min(point); high.max(point); });
+      this.groups.forEach((group, k) => [0, 2].forEach((share) => {  // its frame and its far end
+        point.fromArray((this.robot.bodies[k].com || [0, 0, 0]).map((value) => share * value));
+        point.applyMatrix4(group.matrixWorld);
+        low.min(point);
+        high.max(point);
+      }));
     });
     this.q = own;
     this.middle = low.clone().add(high).multiplyScalar(0.5);
