@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from uuid import uuid4
 
 from steelyard.app import steps
+from steelyard.app.downloads import PLAIN_BYTES, download
 from steelyard.app.guard import Guard
 from steelyard.app.jobs import Jobs
 from steelyard.app.step import TEMPLATES, Desk, Step, fill
@@ -155,11 +156,18 @@ def application(workspace: Workspace) -> "Starlette":
         if (
             path.suffix != ".html"
             or not path.is_file()
-            or not name.startswith(("models/", "reports/"))
+            or not name.startswith(("models/", "reports/", "motions/"))
         ):
             raise OutputError("this is no report", where=name, fix="choose one on a page")
         headers = {"content-security-policy": SANDBOX}
         return FileResponse(path, media_type="text/html", headers=headers)
+
+    async def offered(request: "Request") -> Response:
+        path, content = await asyncio.to_thread(download, workspace, request.path_params["name"])
+        if content is None:
+            return FileResponse(path, media_type=PLAIN_BYTES, filename=path.name)
+        headers = {"content-disposition": f'attachment; filename="{path.name}.zip"'}
+        return Response(content, media_type=PLAIN_BYTES, headers=headers)
 
     async def static(request: "Request") -> Response:
         found = STATIC.get(request.path_params["name"])
@@ -208,6 +216,7 @@ def application(workspace: Workspace) -> "Starlette":
             Route("/static/{name}", static),
             Route("/derived/{key}", derived),
             Route("/report/{name:path}", report),
+            Route("/download/{name:path}", offered),
             Route("/upload/{kind}/{name:path}", upload, methods=["PUT"]),
             Route("/{step}", page),
             Route("/{step}/{action}", act, methods=["POST"]),

@@ -93,6 +93,7 @@ class Step:
         numbers: What the template shows, from the workspace as it is.
         locked: Why the step cannot be begun yet; empty if it can.
         actions: What forms do, by their name; a `SteelyardError` is shown to the user.
+        aside: Whether it is not on the way of every user: it is opened by choice alone.
     """
 
     name: str
@@ -100,6 +101,7 @@ class Step:
     numbers: Callable[[Desk], Values]
     locked: Callable[[Desk], str] = lambda desk: OPEN
     actions: Mapping[str, Callable[[Desk, Values], None]] = field(default_factory=dict)
+    aside: bool = False
 
 
 def text_of(form: Values, name: str, longest: int = 400) -> str:

@@ -1,6 +1,13 @@
 """All steps of the app in their order."""
 
-from steelyard.app import step_check, step_identify, step_logs, step_robot
+from steelyard.app import (
+    step_check,
+    step_design,
+    step_identify,
+    step_logs,
+    step_robot,
+    step_use,
+)
 from steelyard.app.step import Desk, Step
 from steelyard.base.errors import OutputError
 
@@ -8,7 +15,9 @@ STEPS: tuple[Step, ...] = (
     step_robot.STEP,
     step_logs.STEP,
     step_check.STEP,
+    step_design.STEP,
     step_identify.STEP,
+    step_use.STEP,
 )
 
 
@@ -21,5 +30,5 @@ def named(name: str) -> Step:
 
 
 def current(desk: Desk) -> Step:
-    """The last step that is not locked."""
-    return [step for step in STEPS if not step.locked(desk)][-1]
+    """The last step on the way that is not locked."""
+    return [step for step in STEPS if not (step.aside or step.locked(desk))][-1]

@@ -41,7 +41,7 @@ def scene(robot: str, progress: Progress) -> dict[str, Any]:
         "bodies": [_body(body) for body in arm.bodies],
         "joints": [_joint(one, at) for one, at in zip(arm.joints, arm.assembly, strict=True)],
         "identified": arm.n,
-        "solids": [_solid(shape) for shape in shapes],
+        "solids": [solid_of(shape) for shape in shapes],
         "notes": [*dict.fromkeys((*loaded.notes, *loaded.ignored.values(), *notes))],
         "signals": loaded.signals is not None,
         "targets": loaded.targets is not None,
@@ -91,7 +91,8 @@ def _joint(joint: Coordinate, at: float) -> dict[str, Any]:
     }
 
 
-def _solid(shape: Shape) -> dict[str, Any]:
+def solid_of(shape: Shape) -> dict[str, Any]:
+    """A shape as the scene of the page draws it."""
     corners, faces = mesh_of(shape.solid)
     return {
         "body": shape.body,

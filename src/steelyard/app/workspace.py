@@ -22,12 +22,14 @@ from steelyard.robot.file.toml_edits import Edit, edited
 
 ROBOT_FILE = "robot.toml"
 MODEL_FILES, LOGS, MODELS, REPORTS = "robot", "logs", "models", "reports"
+MOTIONS, USED_LOGS, EXPORTS = "motions", "used-logs", "exports"
 HISTORY, DERIVED, CHOICES = "history", ".derived", "app.json"
 KINDS = {
     MODEL_FILES: (".urdf", ".xacro", ".xml", ".mjcf", ".stl", ".obj", ".dae", ".yaml", ".yml"),
     LOGS: (".csv", ".tsv", ".txt", ".parquet", ".mcap", ".bag", ".db3", ".npz", ".npy", ".mat")
     + (".h5", ".hdf5", ".jsonl"),
 }
+KINDS[USED_LOGS] = KINDS[LOGS]
 """Folders that files are dropped into, and the suffixes that they take."""
 
 ROBOT_MODELS = (".urdf", ".xacro", ".xml", ".mjcf")
@@ -109,11 +111,32 @@ class Workspace:
     @property
     def models(self) -> tuple[str, ...]:
         """Folders of identified models, the latest first."""
-        found = self.files(MODELS, (".json",))
-        folders = [
-            str(Path(name).parent.as_posix()) for name in found if name.endswith("/model.json")
+        return self._folders_with(MODELS, "model.json")
+
+    @property
+    def motions(self) -> tuple[str, ...]:
+        """Folders of designed motions, the latest first."""
+        return self._folders_with(MOTIONS, "trajectory.json")
+
+    @property
+    def used_logs(self) -> tuple[str, ...]:
+        """Logs that a model is used on, and those that it is identified from."""
+        return (*self.files(USED_LOGS, KINDS[USED_LOGS]), *self.logs)
+
+    def _folders_with(self, kind: str, name: str) -> tuple[str, ...]:
+        found = [
+            x.removesuffix(f"/{name}")
+            for x in self.files(kind, (Path(name).suffix,))
+            if x.endswith(f"/{name}")
         ]
-        return tuple(sorted(folders, key=lambda name: -self.path(name).stat().st_mtime_ns))
+        return tuple(sorted(found, key=lambda x: -self.path(x).stat().st_mtime_ns))
+
+    def new_name(self, kind: str, name: str, ending: str = "") -> str:
+        """A name that is not there yet in one of the folders: `name-1` and so on."""
+        number = 1
+        while self.path(f"{kind}/{name}-{number}{ending}").exists():
+            number += 1
+        return f"{kind}/{name}-{number}{ending}"
 
     @property
     def robot_file(self) -> Path:
@@ -230,7 +253,8 @@ class Workspace:
     def fingerprint(self) -> str:
         """Changes if a file that pages show does."""
         names = [ROBOT_FILE, CHOICES, *(p.name for p in self.folder.glob("*.toml"))]
-        for kind in (MODEL_FILES, LOGS, MODELS, REPORTS, HISTORY, DERIVED):
+        shown = (MODEL_FILES, LOGS, MODELS, REPORTS, MOTIONS, USED_LOGS, EXPORTS)
+        for kind in (*shown, HISTORY, DERIVED):
             for folder, folders, found in os.walk(self.folder / kind):
                 folders[:] = folders if kind != DERIVED else []
                 here = Path(folder).relative_to(self.folder).as_posix()
@@ -240,7 +264,7 @@ class Workspace:
 
 def _tidy(folder: Path) -> None:
     """Remove parts of files that a killed app left, and results that were long not needed."""
-    for name in (".", MODEL_FILES, LOGS, REPORTS, HISTORY):
+    for name in (".", MODEL_FILES, LOGS, USED_LOGS, REPORTS, EXPORTS, HISTORY):
         for part in (folder / name).glob(".*.part"):
             if part.is_file():
                 part.unlink()

@@ -94,7 +94,9 @@ class Arm {
     const geometry = new Three.BufferGeometry();
     geometry.setAttribute("position", new Three.BufferAttribute(Float32Array.from(lines.points.flat(2)), 3));
     const material = new Three.LineBasicMaterial({ color: this.colour(lines.colour) });
-    this.root.add(new Three.LineSegments(geometry, material));
+    const segments = new Three.LineSegments(geometry, material);
+    segments.userData.colour = lines.colour;
+    this.root.add(segments);
   }
 
   // All of the arm in view in some postures: those of its motion, or with room to move.
@@ -118,6 +120,9 @@ class Arm {
         high.max(point);
       }));
     });
+    (this.robot.lines || []).forEach((lines) => lines.points.flat().forEach((end) => {
+      point.fromArray(end); low.min(point); high.max(point);
+    }));
     this.q = own;
     this.middle = low.clone().add(high).multiplyScalar(0.5);
     const radius = 0.5 * high.distanceTo(low) * (this.motion ? 1 : 1.35) + 0.12 * reach;

@@ -102,10 +102,10 @@ def _added(text: str, path: tuple[str, ...], inside: Sequence[str], value: Any) 
     for name in reversed(inside):
         value = {name: value}
     above = path[:-1]
-    if not above and isinstance(value, Mapping):
+    ends = TomlPlaces(text).ends
+    if isinstance(value, Mapping) and (not above or above not in ends):
         lines = [f"{toml_key(name)} = {_value(inner)}" for name, inner in value.items()]
         return "\n".join([f"{text.rstrip()}\n\n{_header(path)}", *lines]).lstrip() + "\n"
-    ends = TomlPlaces(text).ends
     if above not in ends:
         line = f"{toml_key(path[-1])} = {_value(value)}\n"
         return f"{text.rstrip()}\n\n{_header(above)}\n{line}" if above else f"{line}{text}"
@@ -131,9 +131,14 @@ def _value(value: Any) -> str:
 
 
 def _item(value: Any) -> Any:
-    """A value of tomlkit's; a table is one in line."""
+    """A value of tomlkit's; a table is one in line, also in a list."""
     import tomlkit
 
+    if isinstance(value, list | tuple):
+        items = tomlkit.array()
+        for inner in value:
+            items.append(_item(inner))
+        return items
     if not isinstance(value, Mapping):
         return tomlkit.item(value)
     table = tomlkit.inline_table()
