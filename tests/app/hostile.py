@@ -27,6 +27,9 @@ ADDRESSES = (
     ("POST", "/stop/0123456789abcdef01234567"),
     ("PUT", "/upload/logs/stolen.csv"),
     ("PUT", "/upload/robot/stolen.urdf"),
+    ("GET", "/download/models/m/model.json"),
+    ("POST", "/design/design"),
+    ("POST", "/use/export"),
 )
 
 OUT = (
@@ -142,6 +145,7 @@ def tries(server: Server) -> Iterator[Try]:
         yield Try(f"from {site}", method, path, {**own, "Sec-Fetch-Site": site}, body(method))
     for path in OUT:
         yield Try("out of the folder", "GET", f"/report/{path}", own)
+        yield Try("out of the folder", "GET", f"/download/{path}", own)
     for path in (
         "../robot.toml",
         "%2e%2e%2frobot.toml",

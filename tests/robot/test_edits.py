@@ -86,6 +86,16 @@ def test_new_tables_come_last() -> None:
     assert edited("[a]\nb = 1", [Edit(("c",), 2)]) == "c = 2\n[a]\nb = 1"
 
 
+def test_a_new_table_below_others_has_its_own_head_and_lists_of_tables_stay_in_line() -> None:
+    walls = [{"normal": [0.0, 0.0, 1.0], "above": 0.2}]
+    keys = {"floor": 0.1, "planes": walls}
+    text = edited(TEXT, [Edit(("excitation", "workspace", k), v) for k, v in keys.items()])
+    wall = "{normal = [0.0, 0.0, 1.0], above = 0.2}"
+    lines = ["", "[excitation.workspace]", "floor = 0.1", f"planes = [{wall}]", ""]
+    assert text == TEXT + "\n".join(lines)
+    assert tomllib.loads(text)["excitation"]["workspace"] == keys
+
+
 def test_inline_and_dotted_tables() -> None:
     text = "[robot]\nmounting = {roll = 1.0}\nlocked.a = 2.0\n"
     yaw, b = Edit(("robot", "mounting", "yaw"), 3.0), Edit(("robot", "locked", "b"), 4.0)

@@ -99,10 +99,11 @@ def _set(table: dict[str, Any], path: Sequence[str], value: Any) -> dict[str, An
 
 def _added(text: str, path: tuple[str, ...], inside: Sequence[str], value: Any) -> str:
     """The text with a key at `path`, whose tables are there; `inside` it are tables of its own."""
+    ends, above = TomlPlaces(text).ends, path[:-1]
+    if inside and (not above or above not in ends):  # the innermost of them gets a head
+        path, value, inside = (*path, *inside[:-1]), {inside[-1]: value}, ()
     for name in reversed(inside):
         value = {name: value}
-    above = path[:-1]
-    ends = TomlPlaces(text).ends
     if isinstance(value, Mapping) and (not above or above not in ends):
         lines = [f"{toml_key(name)} = {_value(inner)}" for name, inner in value.items()]
         return "\n".join([f"{text.rstrip()}\n\n{_header(path)}", *lines]).lstrip() + "\n"
