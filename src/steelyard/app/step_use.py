@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from steelyard.app.jobs import Work
 from steelyard.app.step import OPEN, Desk, Outcome, Step, Values, one_of, text_of
@@ -36,6 +37,9 @@ USES = {
     "health": Use("Health", "drift of friction, offsets and effort scales", several=True),
 }
 """All uses; `USES` of `work_use.py` does them."""
+
+NOTHING: dict[str, Any] = {"what": "", "model": "", "frame": None, "free": []}
+"""What is chosen of a use at first."""
 
 FORMATS = {
     "urdf": ("URDF", ".urdf"),
@@ -85,7 +89,7 @@ def _numbers(desk: Desk) -> Values:
         "logs": workspace.used_logs,
         "ticked": workspace.choices.get("ticked") or workspace.used_logs[:1],
         "uses": USES,
-        "chosen": chosen if isinstance(chosen, dict) else {},
+        "chosen": NOTHING | (chosen if isinstance(chosen, dict) else {}),
         "used": used,
         "files": [] if folder is None else _files(desk, folder),
         "earlier": _earlier(desk),
