@@ -190,6 +190,20 @@ def test_a_motion_is_designed_shown_and_rehearsed(robot: Finished) -> None:
     }
 
 
+def test_names_of_strangers_are_escaped(desk: Finished, arm: Path) -> None:
+    evil = "<script>document.body.dataset.errors='ran'</script>"
+    escaped = evil.replace("<", "&lt;").replace(">", "&gt;").replace("'", "&apos;")
+    urdf = (arm / "arm.urdf").read_text()
+    for name in ('"joint1"', '"link3"'):
+        urdf = urdf.replace(name, f'"{name[1:-1]}{escaped}"')
+    (desk.workspace.folder / "robot" / "arm.urdf").write_text(urdf)
+    desk.act("robot", "added")
+    desk.act("design", "room", **form(desk, frame=f"link3{evil}"))
+    page = desk.page("design")
+    assert evil not in page and page.count("&lt;script&gt;") >= 2
+    assert named("design").numbers(desk)["room"].result["tool"] == f"link3{evil}"
+
+
 def test_downloads_stay_in_the_workspace(robot: Finished) -> None:
     folder = robot.workspace.folder
     (folder.parent / "secret.txt").write_text("secret")

@@ -10,6 +10,7 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
+from urllib.parse import quote
 from uuid import uuid4
 
 from steelyard.app import steps
@@ -166,7 +167,7 @@ def application(workspace: Workspace) -> "Starlette":
         path, content = await asyncio.to_thread(download, workspace, request.path_params["name"])
         if content is None:
             return FileResponse(path, media_type=PLAIN_BYTES, filename=path.name)
-        headers = {"content-disposition": f'attachment; filename="{path.name}.zip"'}
+        headers = {"content-disposition": f"attachment; filename*=utf-8''{quote(path.name)}.zip"}
         return Response(content, media_type=PLAIN_BYTES, headers=headers)
 
     async def static(request: "Request") -> Response:
