@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 from app.guided import Server, serving
+from steelyard.app import jobs
 from steelyard.app.work_process import finish
+from steelyard.app.workspace import opened
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Event, Progress, report_progress, silent
 
@@ -20,6 +22,19 @@ def doubled(number: float, progress: Progress) -> float:
     if number == 0:
         raise DataError("zero", where="here", fix="another")
     return 26.0 / (number - 13.0)
+
+
+def test_results_of_other_files_or_another_version_are_not_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    workspace = opened(tmp_path / "ws")
+    work = jobs.Work("module:function", {"a": 1}, ("robot.toml",), "words")
+    first = work.key(workspace)
+    assert work.key(workspace) == first
+    workspace.write_robot("[robot]\n")
+    second = work.key(workspace)
+    monkeypatch.setattr(jobs, "PROGRAM", "another")
+    assert len({first, second, work.key(workspace)}) == 3
 
 
 @pytest.mark.parametrize(

@@ -7,11 +7,16 @@ import os
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from steelyard.app.workspace import Workspace
 from steelyard.base.files import write_json
 from steelyard.base.progress import Event, module_command
+
+_FILES = sorted(Path(__file__).parent.glob("*.py"))
+PROGRAM = " ".join(str(path.stat().st_mtime_ns) for path in _FILES)
+"""Of the code that makes results and of the pages that show them: others make their own."""
 
 LONGEST_LINE = 1 << 20  # bytes of a line that a process says
 AT_ONCE = 2  # processes of quick work at a time; of long work there is one
@@ -41,8 +46,8 @@ class Work:
         return json.dumps([self.function, self.given], sort_keys=True)
 
     def key(self, workspace: Workspace) -> str:
-        """Of the work on these files as they are now, 24 hexadecimal digits."""
-        said = f"{self.name} {workspace.mark(self.files)}"
+        """Of the work of this version on these files as they are, 24 hexadecimal digits."""
+        said = f"{PROGRAM} {self.name} {workspace.mark(self.files)}"
         return hashlib.sha256(said.encode()).hexdigest()[:24]
 
 
