@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.robot.file.signals import BaseSignals
+from steelyard.robot.robot import BASE_COORDINATES
 from steelyard.runs.frames_of_contacts import kinematics_of
 
 SURE = 0.02  # how far an interpolated flag may be from 0 where nothing touches
@@ -116,9 +117,14 @@ class Touching:
         return np.asarray(spread[:, None] * projection / spread)
 
     def with_forces(self, q: Array, measured: Array, predicted: Array) -> Array:
-        """Predicted efforts with the contact forces that fit best; all logged ones, `(n, B)`."""
+        """Predicted efforts with the contact forces that fit best; all logged ones, `(n, B)`.
+
+        Rows of a base on which any wrench may act say nothing of them.
+        """
         rest = (measured - predicted) * self.gains[:, None]
-        unexplained = np.einsum("bij,jb->ib", self.projection(q), rest)
+        counted = np.ones(q.shape, dtype=bool)
+        counted[: len(BASE_COORDINATES)] = self.base.wrench_known
+        unexplained = np.einsum("bij,jb->ib", self.projection(q, counted), rest)
         return np.asarray(measured - unexplained / self.gains[:, None])
 
     def jacobian(self, q: Array) -> Array:

@@ -11,7 +11,7 @@ from steelyard.base.arrays import Array, frozen, stretches
 from steelyard.base.motion import Motion
 from steelyard.model.equations.passive_joints import Follower
 from steelyard.robot.file.signals import Signals
-from steelyard.robot.robot import Robot
+from steelyard.robot.robot import BASE_COORDINATES, Robot
 from steelyard.runs.contact_projection import Touching
 from steelyard.runs.first_pass_over_recording import Survey
 from steelyard.runs.floating_base import with_base_motion
@@ -250,6 +250,20 @@ class Run:
         n = self.recording.channels.joints
         out = efforts_left_out(t, n, dead, self._spread)
         return np.zeros((n, len(t)), dtype=np.bool_) if out is None else out
+
+    @property
+    def has_unknown_forces(self) -> bool:
+        """Whether forces act that are not measured: of contacts, or on a floating base."""
+        base = self.recording.signals.base
+        return base is not None and (bool(base.touches) or not base.wrench_known)
+
+    def with_forces(self, block: Block, predicted: Array) -> Array:
+        """Predicted efforts of a block as logged, `(n, B)`, with unknown forces that fit best."""
+        found, base = block.with_forces(predicted), self.recording.signals.base
+        if base is None or base.wrench_known:
+            return found
+        first = len(BASE_COORDINATES)
+        return np.concatenate([block.effort[:first], found[first:]])
 
     def around(self, context: float) -> "Run":
         """The run with that much of its segments before its first and after its last motion [s]."""

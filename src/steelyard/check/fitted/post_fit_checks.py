@@ -31,6 +31,7 @@ from steelyard.check.fitted.incomplete_model_and_unseen_error import (
     model_error_check,
     unseen_reason_check,
 )
+from steelyard.estimate.consistent.convex_estimator import CONTRADICTED_KNOWLEDGE
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.effort_errors import PROMISED, known_efforts
 from steelyard.model.laws.friction_with_memory import LoadDependent
@@ -188,6 +189,36 @@ def unfinished_search_check(case: FittedCase) -> Iterable[Finding]:
         '[estimation.genetic], wider bounds, or take method = "WLS"'
     )
     yield Finding.doubtful(says, "", (), fix, headline=True, brief=f"{says}. {fix.says}")
+
+
+@case_check("contact flags")
+def constant_flags_check(case: FittedCase) -> Iterable[Finding]:
+    """Contacts of unknown force that touch in no sample, or in all of them, in every log."""
+    base = case.identified.signals.base
+    if base is None or not base.touches or not case.fitted:
+        return
+    on, samples = np.zeros(len(base.touches)), 0
+    for run in case.fitted:
+        for block in run.blocks():
+            if block.touching is not None:
+                on += block.touching.flags.sum(axis=1)
+                samples += len(block.t)
+    for kind, constant in (("never", on == 0), ("always", on == samples)):
+        named = [t.frame for t, so in zip(base.touches, constant, strict=True) if so]
+        if named:
+            says = (
+                f"{', '.join(named)} {kind} touch{'es' if len(named) == 1 else ''} in these logs: "
+                "a flag or threshold that is wrong would look the same"
+            )
+            yield Finding.ok(says, headline=True)
+
+
+@case_check("prior constraints")
+def contradicted_knowledge_check(case: FittedCase) -> Iterable[Finding]:
+    """Prior constraints of the robot file that the data contradict, as a note of the fit says."""
+    for note in case.identified.estimate.notes if case.fitted else ():
+        if note.startswith(CONTRADICTED_KNOWLEDGE):
+            yield Finding.ok(f"{note}; intervals assume that they hold", headline=True)
 
 
 @case_check("standstill")
@@ -380,6 +411,8 @@ POST_FIT: tuple[CaseCheck[FittedCase], ...] = (
     rotors_at_zero_check,
     unfinished_search_check,
     standstill_check,
+    contradicted_knowledge_check,
+    constant_flags_check,
     model_error_check,
     assumed_gains_check,
     scaled_efforts_check,

@@ -64,6 +64,7 @@ the data and the prior together leave a distance of the root of `2 g`."""
 LISTED = 6  # prior constraints that the notes list
 CONTRADICTED = 2.0  # standard deviations by which data violate a constraint that they contradict
 EDGE = 0.02  # least eigenvalue of a body's `X` below which it is at the edge of consistent bodies
+CONTRADICTED_KNOWLEDGE = "the data contradict the prior constraints"  # a note begins so
 TERM_MISSING = "a term is missing or wrong"  # the end of a note, and of no other
 CONSTRAINTS_IN_NOTE = 6  # active constraints that a note names
 
@@ -247,7 +248,7 @@ class Consistent:
                 free = self._tried(bare, found.gamma)
                 if against := _contradicted(program, free.u, _spreads(data, bare, free)[0]):
                     notes.append(
-                        f"the data contradict the prior constraints, which raise χ² by "
+                        f"{CONTRADICTED_KNOWLEDGE}, which raise χ² by "
                         f"{rise - free.rise:.4g}: {'; '.join(against)}"
                     )
                 program, rise = bare, free.rise

@@ -118,8 +118,8 @@ def residual_blocks(
             return
         predicted = valued.block(block.q, block.dq, block.ddq, block.channels)
         residual = gains[:, None] * block.effort - predicted
-        if block.touching is not None:
-            explained = block.with_forces(predicted / gains[:, None])
+        if run.has_unknown_forces:
+            explained = run.with_forces(block, predicted / gains[:, None])
             residual = gains[:, None] * (block.effort - explained)
         yield block, predicted, residual
 
@@ -226,8 +226,8 @@ def residual_trace(
             predicted[FRICTION] *= block.moving | identified.model.has_memory
             measured = gains * block.effort
             residual = measured - predicted.sum(axis=0)
-            if block.touching is not None:
-                explained = block.with_forces(predicted.sum(axis=0) / gains)
+            if run.has_unknown_forces:
+                explained = run.with_forces(block, predicted.sum(axis=0) / gains)
                 residual = measured - gains * explained
             sliding = predicted[FRICTION] * block.moving
             kept = np.stack([residual, measured, predicted[GRAVITY], sliding])

@@ -150,7 +150,7 @@ def score(
         thinned.add(part.t, part.moving, *part.efforts[:2], sure)
         if split is not None:
             causes, measured = part.efforts[-len(PARTS) :], part.efforts[0]
-            if run.recording.channels.touches:  # without the forces of contacts
+            if run.has_unknown_forces:  # without the forces of contacts
                 measured = measured - part.efforts[1] + causes.sum(axis=0)
             kept.add(part.t, part.moving, part.q, part.dq, measured, causes)
     if not squares.samples:
@@ -252,7 +252,7 @@ def low_passed(
     def rows(block: Block) -> Array:
         efforts = [m.block(block.q, block.dq, block.ddq, block.channels) for m in models]
         causes: Array | list[Array] = [] if split is None else split.block(block)
-        predicted = [block.with_forces(one / gains[:, None]) for one in efforts]
+        predicted = [run.with_forces(block, one / gains[:, None]) for one in efforts]
         predicted += [one / gains[:, None] for one in causes]
         columns = [] if bands is None else [bands.columns(block)]
         plain = (block.t[None], block.moving, block.q, block.dq, block.effort)

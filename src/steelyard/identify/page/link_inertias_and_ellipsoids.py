@@ -96,11 +96,16 @@ def whole_body_words(identified: IdentifiedModel) -> str:
         return ""
     posture = np.concatenate([samples.q for samples in identified.motions]).mean(axis=0)
     found = identified.mass_and_centre(posture)
+    exact = "the scale of the efforts is exact"
+    if base.touches:
+        exact += ", and contacts touch where the robot file says"
+    elif base.contacts:
+        exact = "the scale of the contacts' forces is exact"
     axes = zip("xyz", found.centre, found.half_width, strict=True)
     centre = ", ".join(f"{name} {with_interval(c, h)}" for name, c, h in axes)
     return (
         f"whole robot: {with_interval(found.mass, found.mass_half_width)} kg, centre of mass in "
-        f"the mean posture of the fitted logs {centre} m in the frame of the base"
+        f"the mean posture of the fitted logs {centre} m in the frame of the base, if {exact}"
     )
 
 

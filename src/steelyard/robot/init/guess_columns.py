@@ -147,7 +147,7 @@ def guess_columns(
     if velocity:
         reasons.append(rates.reason)
     goals = position_targets(named)
-    if len(goals) == len(counted):
+    if goals and len(goals) == len(counted):
         reasons.append(
             f"targets are logged too ({listed(goals)}): to identify the actuators that follow "
             "them, add target = ... under [signals], and a section [actuator]"

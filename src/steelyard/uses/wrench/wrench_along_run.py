@@ -280,10 +280,11 @@ def estimated_wrench(
     """
     place = methods.moved_frame(identified.robot, frame)
     base = identified.signals.base
-    if base is not None and base.touches:
+    if run.has_unknown_forces:
+        what = "contacts" if base is not None and base.touches else "what holds the base"
         raise ModelError(
-            "forces of contacts are not measured, and a wrench is what known ones leave over",
-            where=f"contact on '{base.touches[0].frame}' of the model's robot file",
+            f"forces of {what} are not measured, and a wrench is what known ones leave over",
+            where="[signals.base] of the model's robot file",
             fix="identify the model from logs with measured forces: force = ... under "
             "[[signals.base.contacts]]",
         )
