@@ -266,6 +266,7 @@ class AtOnce:
         self.workspace = workspace
         self.running: dict[str, Job] = {}
         self.latest: dict[str, str] = {}
+        self.unwritten: dict[str, dict[str, str]] = {}
         self.begun: list[Work] = []
 
     def start(self, work: Work) -> str:

@@ -31,6 +31,15 @@ def test_what_the_app_itself_asks_is_answered(server: Server) -> None:
     assert (server.folder / "logs" / "b_c.csv").read_text() == "t,q\n0,1\n"
     assert server.act("/logs/remove", log="logs/b_c.csv")[0] == 204
     assert not (server.folder / "logs" / "b_c.csv").exists()
+    for _ in range(2):  # the second is not written over the first
+        status, answer = server.own("PUT", "/upload/logs/twice.csv", b"t,q\n0,1\n")
+    assert status == 422 and "there already" in json.loads(answer)["wrong"]
+    assert server.act("/logs/remove", log="logs/twice.csv")[0] == 204
+    unreadable = server.folder / "robot.toml"
+    assert not unreadable.exists()
+    unreadable.write_bytes(b"name = '\xff'")
+    assert server.own("GET", "/logs")[0] == 200 and server.own("GET", "/")[0] == 303
+    unreadable.unlink()
 
 
 def test_a_refusal_says_what_where_and_how_to_correct_it(server: Server) -> None:
@@ -48,11 +57,14 @@ def test_an_upload_that_breaks_off_leaves_no_file(server: Server) -> None:
     )
     with socket.create_connection(("127.0.0.1", server.port)) as connection:
         connection.sendall(head.encode() + b"t,q\n0,1\n")
-    deadline = time.monotonic() + 20.0
-    while any((server.folder / "logs").glob(".cut*")) and time.monotonic() < deadline:
+        connection.shutdown(socket.SHUT_WR)
+        while connection.recv(1000):  # until the server has noticed
+            pass
+    deadline = time.monotonic() + 60.0
+    assert server.own("GET", "/robot")[0] == 200  # begun after the upload
+    while list((server.folder / "logs").glob("*cut*")) and time.monotonic() < deadline:
         assert server.own("GET", "/robot")[0] == 200
     assert not list((server.folder / "logs").glob("*cut*"))
-    assert not list((server.folder / "logs").glob(".cut*"))
 
 
 def test_headers_forbid_other_scripts_and_frames(server: Server) -> None:

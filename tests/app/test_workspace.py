@@ -92,12 +92,47 @@ def test_undo_of_a_change_by_hand_alone(workspace: Workspace) -> None:
 
 
 def test_another_robot_file_counts_where_it_is_the_only_one(workspace: Workspace) -> None:
-    (workspace.folder / "ur10e.toml").write_text("a = 1\n")
-    assert workspace.robot_text == "a = 1\n"
-    workspace.write_robot("a = 2\n")
-    assert (workspace.folder / "ur10e.toml").read_text() == "a = 2\n"
-    (workspace.folder / "other.toml").write_text("")
+    (workspace.folder / "pyproject.toml").write_text("[project]\n")
     assert workspace.robot_text is None
+    (workspace.folder / "ur10e.toml").write_text("[robot]\n")
+    assert workspace.robot_text == "[robot]\n"
+    workspace.write_robot("[robot]\na = 2\n")
+    assert (workspace.folder / "ur10e.toml").read_text() == "[robot]\na = 2\n"
+    assert (workspace.folder / "pyproject.toml").read_text() == "[project]\n"
+    (workspace.folder / "other.toml").write_text("[robot.dh]\n")
+    assert workspace.robot_text is None
+
+
+def test_undo_never_takes_the_users_own_file_away(workspace: Workspace) -> None:
+    own = workspace.folder / "robot.toml"
+    own.write_text("# mine\n")
+    workspace.write_robot("# changed\n")
+    workspace.undo()
+    assert own.read_text() == "# mine\n" and workspace.last_change == ()
+    with pytest.raises(OutputError, match="nothing was changed"):
+        workspace.undo()
+    assert own.read_text() == "# mine\n"
+
+
+def test_a_robot_file_that_is_no_text_is_replaced_by_its_last_version(workspace: Workspace) -> None:
+    workspace.write_robot("[robot]\n")
+    (workspace.folder / "robot.toml").write_bytes(b"name = \xff\n")
+    assert not workspace.readable
+    workspace.undo()
+    assert workspace.robot_text == "[robot]\n" and workspace.readable
+
+
+def test_a_file_is_put_aside_of_a_link_the_link(workspace: Workspace) -> None:
+    target = workspace.folder / "robot.toml"
+    target.write_text("[robot]\n")
+    (workspace.folder / "logs" / "rt.csv").symlink_to("../robot.toml")
+    for text in ("1", "2"):
+        (workspace.folder / "logs" / "a.csv").write_text(text)
+        workspace.remove("logs/a.csv")
+    workspace.remove("logs/rt.csv")
+    assert workspace.logs == () and target.is_file()
+    kept = sorted(path.name for path in (workspace.folder / "removed").iterdir())
+    assert kept == ["1-a.csv", "1-rt.csv", "2-a.csv"]
 
 
 def test_choices_are_kept_and_a_damaged_file_counts_as_none(workspace: Workspace) -> None:

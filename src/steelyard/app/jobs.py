@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from steelyard.app.workspace import Workspace
+from steelyard.base.errors import SteelyardError
 from steelyard.base.files import write_json
 from steelyard.base.progress import Event, module_command
 
@@ -81,6 +82,7 @@ class Jobs:
     def __init__(self, workspace: Workspace) -> None:
         self.workspace = workspace
         self.running: dict[str, Job] = {}
+        self.unwritten: dict[str, dict[str, str]] = {}  # errors that no file has, by key
         self.latest: dict[str, str] = {}  # key of the latest result by the name of its work
         self._turns = {False: asyncio.Semaphore(AT_ONCE), True: asyncio.Semaphore(1)}
         self._tasks: set[asyncio.Task[None]] = set()
@@ -147,7 +149,11 @@ class Jobs:
         }
         path = self.workspace.derived(job.key)
         if not job.stopping and not path.exists():
-            write_json(path, {"error": died})
+            try:
+                write_json(path, {"error": died})
+            except (OSError, SteelyardError) as error:  # such as a full disk
+                died["wrong"] += f"; nor can it be written: {error}"
+                self.unwritten[job.key] = died
 
 
 def _absolute_path() -> str:

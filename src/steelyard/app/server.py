@@ -18,8 +18,8 @@ from steelyard.app.downloads import PLAIN_BYTES, download
 from steelyard.app.guard import Guard
 from steelyard.app.jobs import Jobs
 from steelyard.app.step import TEMPLATES, Desk, Step, fill
-from steelyard.app.workspace import KINDS, Workspace, opened
-from steelyard.base.errors import DataError, OutputError, SteelyardError, require
+from steelyard.app.workspace import KINDS, MODEL_FILES, Workspace, opened
+from steelyard.base.errors import DataError, ModelError, OutputError, SteelyardError, require
 from steelyard.report.page import PLOTLY
 from steelyard.report.page import TEMPLATES as REPORT_TEMPLATES
 
@@ -139,6 +139,12 @@ def application(workspace: Workspace) -> "Starlette":
         if kind not in KINDS:
             raise OutputError("there is no such folder", where=kind, fix="load the page again")
         path = workspace.new_file(kind, request.path_params["name"])
+        if kind != MODEL_FILES and path.exists():
+            raise OutputError(
+                "a file of this name is there already",
+                where=path.name,
+                fix="rename the new one, or remove the old one first",
+            )
         try:
             await _store(request, path)
         except ClientDisconnect:
@@ -200,6 +206,15 @@ def application(workspace: Workspace) -> "Starlette":
         said = {"wrong": error.wrong, "where": error.where, "fix": error.fix}
         return Response(json.dumps(said), 422, media_type="application/json")
 
+    async def failed(request: "Request", error: Exception) -> Response:
+        why = getattr(error, "strerror", None) or str(error)
+        said = {
+            "wrong": f"a file cannot be written or read: {why}",
+            "where": request.url.path,
+            "fix": "see that the folder can be written, and that names are plain and short",
+        }
+        return Response(json.dumps(said), 422, media_type="application/json")
+
     async def malformed(request: "Request", error: Exception) -> Response:
         said = {
             "wrong": "the page sent what is no form",
@@ -226,6 +241,8 @@ def application(workspace: Workspace) -> "Starlette":
             SteelyardError: refused,
             json.JSONDecodeError: malformed,
             UnicodeDecodeError: malformed,
+            UnicodeEncodeError: failed,
+            OSError: failed,
             RecursionError: malformed,
         },
         lifespan=living,
@@ -235,8 +252,12 @@ def application(workspace: Workspace) -> "Starlette":
 def _page(state: State, step: Step) -> str:
     """A step as a page; a workspace whose files cannot be read shows why."""
     desk, version = state.desk, state.version
-    why = step.locked(desk)
+    workspace = desk.workspace
+    change: tuple[str, ...] = ()
+    shown = [(one, "") for one in steps.STEPS]
     try:
+        shown, change = [(one, one.locked(desk)) for one in steps.STEPS], workspace.last_change
+        why = step.locked(desk)
         body = (
             fill("locked.html", {"why": why})
             if why
@@ -244,8 +265,11 @@ def _page(state: State, step: Step) -> str:
         )
     except SteelyardError as error:
         body = fill("error.html", {"error": error})
-    shown = [(one, one.locked(desk)) for one in steps.STEPS]
-    workspace = desk.workspace
+    except RecursionError:
+        deep = ModelError(
+            "brackets are nested too deeply", where=workspace.robot_file.name, fix="correct it"
+        )
+        body = fill("error.html", {"error": deep})
     return fill(
         "app.html",
         {
@@ -253,8 +277,8 @@ def _page(state: State, step: Step) -> str:
             "steps": shown,
             "body": body,
             "folder": str(workspace.folder),
-            "change": workspace.last_change,
-            "versions": len(workspace.versions),
+            "change": change,
+            "versions": bool(change) or not workspace.readable,
             "jobs": len(desk.jobs.running),
             "version": version,
             "static": STAMP,

@@ -51,7 +51,7 @@ class Desk:
         key = work.key(self.workspace)
         path = self.workspace.derived(key)
         if not path.exists():
-            return Outcome(key, job=self.jobs.running.get(key))
+            return Outcome(key, error=self.jobs.unwritten.get(key), job=self.jobs.running.get(key))
         found = _read(path, path.stat().st_mtime_ns)
         return Outcome(key, found.get("result"), found.get("error"))
 
@@ -79,7 +79,9 @@ class Desk:
 
     def again(self, work: Work) -> None:
         """Begin a work anew, as after it was stopped."""
-        self.workspace.derived(work.key(self.workspace)).unlink(missing_ok=True)
+        key = work.key(self.workspace)
+        self.workspace.derived(key).unlink(missing_ok=True)
+        self.jobs.unwritten.pop(key, None)
         self.jobs.start(work)
 
 

@@ -19,7 +19,7 @@ def check_work(desk: Desk) -> Work:
     workspace = desk.workspace
     robot, logs = workspace.robot_file.name, workspace.logs
     given = {"robot": robot, "logs": list(logs), "report": REPORTS}
-    files = (robot, *logs, *workspace.robot_models)
+    files = (robot, *logs, *workspace.model_files)
     return Work("steelyard.app.work_check:findings", given, files, "checking the logs", long=True)
 
 

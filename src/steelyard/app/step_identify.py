@@ -7,6 +7,8 @@ from steelyard.app.step_logs import validating
 from steelyard.app.workspace import MODELS, REPORTS
 from steelyard.base.errors import DataError
 
+FIT = "steelyard.app.work_identify:identify"
+
 
 def _work(desk: Desk, folder: str) -> Work:
     workspace = desk.workspace
@@ -19,10 +21,8 @@ def _work(desk: Desk, folder: str) -> Work:
         "folder": folder,
         "reason": reason_of(desk),
     }
-    files = (robot, *workspace.logs, *workspace.robot_models)
-    return Work(
-        "steelyard.app.work_identify:identify", given, files, f"identifying {folder}", long=True
-    )
+    files = (robot, *workspace.logs, *workspace.model_files)
+    return Work(FIT, given, files, f"identifying {folder}", long=True)
 
 
 def _comparison(desk: Desk) -> Work | None:
@@ -65,6 +65,12 @@ def _run(desk: Desk, form: Values) -> None:
     workspace = desk.workspace
     if not passed(desk):
         raise DataError("the logs are not checked", where="check", fix="check them in step 3")
+    if any(job.work.function == FIT for job in desk.jobs.running.values()):
+        raise DataError(
+            "a fit is running already, of the files as they were",
+            where="identify",
+            fix="wait until it is done, or stop it",
+        )
     number = 1
     while workspace.path(f"{MODELS}/model-{number}").exists():
         number += 1

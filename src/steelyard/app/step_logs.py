@@ -30,7 +30,7 @@ def columns_work(log: str) -> Work:
 def preview_work(desk: Desk, log: str) -> Work:
     """Curves and motion of a log as the robot file reads it."""
     robot = desk.workspace.robot_file.name
-    files = (robot, log, *desk.workspace.robot_models)
+    files = (robot, log, *desk.workspace.model_files)
     return Work(
         "steelyard.app.work_logs:preview", {"robot": robot, "log": log}, files, f"reading {log}"
     )
@@ -167,7 +167,7 @@ def _validate(desk: Desk, form: Values) -> None:
 
 
 def _remove(desk: Desk, form: Values) -> None:
-    desk.workspace.path(one_of(form, "log", desk.workspace.logs)).unlink()
+    desk.workspace.remove(one_of(form, "log", desk.workspace.logs))
 
 
 def _set(desk: Desk, form: Values) -> None:

@@ -1,6 +1,7 @@
 """Step 1, the robot: a model file or a Denavit-Hartenberg table, the arm in space, its notes."""
 
 from collections.abc import Sequence
+from math import isfinite
 
 from steelyard.app.jobs import Work
 from steelyard.app.step import Desk, Outcome, Step, Values, one_of, text_of
@@ -113,7 +114,7 @@ def _dh_row(number: int, row: str) -> dict[str, float]:
         values = [float(word) for word in words]
     except ValueError:
         values = []
-    if len(values) != len(DH_COLUMNS):
+    if len(values) != len(DH_COLUMNS) or not all(map(isfinite, values)):
         raise DataError(
             f"row {number} of the table is not four numbers",
             where=f"row {number}: {row}",

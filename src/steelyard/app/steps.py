@@ -9,7 +9,7 @@ from steelyard.app import (
     step_use,
 )
 from steelyard.app.step import Desk, Step
-from steelyard.base.errors import OutputError
+from steelyard.base.errors import OutputError, SteelyardError
 
 STEPS: tuple[Step, ...] = (
     step_robot.STEP,
@@ -30,5 +30,8 @@ def named(name: str) -> Step:
 
 
 def current(desk: Desk) -> Step:
-    """The last step on the way that is not locked."""
-    return [step for step in STEPS if not (step.aside or step.locked(desk))][-1]
+    """The last step on the way that is not locked; the first if the files cannot be read."""
+    try:
+        return [step for step in STEPS if not (step.aside or step.locked(desk))][-1]
+    except SteelyardError:
+        return STEPS[0]

@@ -57,6 +57,7 @@ def finish(function: str, given: Mapping[str, Any], out: Path, progress: Progres
         found = {"error": {name: text[:LONGEST_WORDS] for name, text in said.items()}}
     except Exception as error:
         found = {"error": _defect(error)}
+    out.parent.mkdir(exist_ok=True)  # it may be removed at any time
     with whole_file(out) as part:
         part.write_text(json.dumps(found, allow_nan=False), encoding="utf-8")
 

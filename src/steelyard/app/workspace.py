@@ -11,7 +11,8 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from steelyard.robot.file.toml_edits import Edit, edited
 ROBOT_FILE = "robot.toml"
 MODEL_FILES, LOGS, MODELS, REPORTS = "robot", "logs", "models", "reports"
 MOTIONS, USED_LOGS, EXPORTS = "motions", "used-logs", "exports"
+REMOVED = "removed"  # folder of files that were put aside
 HISTORY, DERIVED, CHOICES = "history", ".derived", "app.json"
 KINDS = {
     MODEL_FILES: (".urdf", ".xacro", ".xml", ".mjcf", ".stl", ".obj", ".dae", ".yaml", ".yml"),
@@ -81,6 +83,16 @@ class Workspace:
             )
         return self.path("/".join([kind, *safe]))
 
+    def remove(self, name: str) -> None:
+        """Put a file aside, into `removed/`; of a link the link, not what it leads to."""
+        self.path(name)
+        place = self.folder / REMOVED
+        place.mkdir(exist_ok=True)
+        number, last = 1, name.rsplit("/", 1)[-1]
+        while (place / f"{number}-{last}").exists():
+            number += 1
+        (self.folder / name).rename(place / f"{number}-{last}")
+
     def files(self, kind: str, suffixes: Iterable[str]) -> tuple[str, ...]:
         """Names of the files of a folder, those below it included, in order."""
         top, found = self.folder / kind, list[str]()
@@ -102,6 +114,11 @@ class Workspace:
     def robot_models(self) -> tuple[str, ...]:
         """URDF, xacro and MJCF files."""
         return self.files(MODEL_FILES, ROBOT_MODELS)
+
+    @property
+    def model_files(self) -> tuple[str, ...]:
+        """Files that make the robot: models, meshes, parameters of a xacro."""
+        return self.files(MODEL_FILES, KINDS[MODEL_FILES])
 
     @property
     def logs(self) -> tuple[str, ...]:
@@ -142,7 +159,7 @@ class Workspace:
     def robot_file(self) -> Path:
         """`robot.toml`, or else the only robot file that the commands wrote there."""
         usual = self.folder / ROBOT_FILE
-        others = [p for p in sorted(self.folder.glob("*.toml")) if p.is_file()]
+        others = [p for p in sorted(self.folder.glob("*.toml")) if _is_robot_file(p)]
         return others[0] if not usual.exists() and len(others) == 1 else usual
 
     @property
@@ -157,6 +174,15 @@ class Workspace:
             raise ModelError(
                 f"the robot file cannot be read: {error}", where=path.name, fix="replace it"
             ) from None
+
+    @property
+    def readable(self) -> bool:
+        """Whether the robot file can be read, if there is one."""
+        try:
+            _ = self.robot_text
+        except SteelyardError:
+            return False
+        return True
 
     @property
     def versions(self) -> tuple[Path, ...]:
@@ -180,24 +206,35 @@ class Workspace:
         self.write_robot(edited(text, list(changes)))
 
     def undo(self) -> None:
-        """Take the last change of the robot file back; the first one removes it."""
-        text = self.robot_text
-        self._note_version(text)
-        *before, last = self.versions or (None,)
-        if last is None:
+        """Take the last change of the robot file back; what was undone stays in the history.
+
+        A file that cannot be read is replaced by the last version that could.
+        """
+        try:
+            self._note_version(self.robot_text)
+        except ModelError:
+            self._restore(self.versions)
+            return
+        *before, last = self.versions
+        self._restore(before)
+        last.replace(last.with_suffix(".undone"))
+
+    def _restore(self, versions: Sequence[Path]) -> None:
+        """Make the last of some versions the robot file; an empty one is none."""
+        if not versions:
             raise OutputError(
                 "nothing was changed", where=ROBOT_FILE, fix="there is nothing to undo"
             )
-        if before:
+        if text := versions[-1].read_text(encoding="utf-8"):
             with whole_file(self.robot_file) as part:
-                part.write_bytes(before[-1].read_bytes())
+                part.write_text(text, encoding="utf-8")
         else:
             self.robot_file.unlink(missing_ok=True)
-        last.unlink()
 
-    def _note_version(self, text: str | None) -> None:
-        known = self.versions
-        if text is None or (known and known[-1].read_text(encoding="utf-8") == text):
+    def _note_version(self, given: str | None) -> None:
+        """Keep a version of the robot file; where there is none, an empty one."""
+        known, text = self.versions, given or ""
+        if known and known[-1].read_text(encoding="utf-8") == text:
             return
         number = int(known[-1].stem) + 1 if known else 1
         (self.folder / HISTORY).mkdir(exist_ok=True)
@@ -210,8 +247,8 @@ class Workspace:
     def last_change(self) -> tuple[str, ...]:
         """Lines of the robot file that undo would take back, with - and + before them."""
         text, known = self.robot_text, [p.read_text(encoding="utf-8") for p in self.versions[-2:]]
-        if text is not None and (not known or known[-1] != text):
-            known = [*known[-1:], text]
+        if known and known[-1] != (text or ""):
+            known = [known[-1], text or ""]
         if len(known) < 2:
             return ()
         old, new = (one.splitlines() for one in known)
@@ -248,6 +285,8 @@ class Workspace:
         """Where the result of a work is kept, by its key of hexadecimal digits."""
         if not re.fullmatch(r"[0-9a-f]{24}", key):
             raise OutputError("there is no such result", where=key, fix="load the page again")
+        with suppress(OSError):  # it may be removed at any time
+            (self.folder / DERIVED).mkdir(exist_ok=True)
         return self.folder / DERIVED / f"{key}.json"
 
     def fingerprint(self) -> str:
@@ -274,6 +313,14 @@ def _tidy(folder: Path) -> None:
             shutil.rmtree(left)
         else:
             left.unlink()
+
+
+def _is_robot_file(path: Path) -> bool:
+    """Whether a TOML file has tables of a robot."""
+    try:
+        return re.search(r"^\s*\[robot[.\]]", path.read_text("utf-8"), re.M) is not None
+    except (OSError, UnicodeDecodeError):
+        return False
 
 
 def _written(path: Path) -> int:
