@@ -133,6 +133,8 @@ def test_forms_of_a_design_that_cannot_begin(robot: Finished) -> None:
         ("design", {"budget": "0.1", "format": "csv"}),
         ("design", {"budget": "x", "format": "csv"}),
         ("design", {"budget": "5", "format": "gcode"}),
+        ("design", {"budget": "5", "format": "csv"}),
+        ("design", {**form(robot, floor="high"), "budget": "5", "format": "csv"}),
         ("show", {"motion": "../motion"}),
         ("rehearse", {"seed": "1"}),
         ("room", {}),
@@ -145,10 +147,16 @@ def test_forms_of_a_design_that_cannot_begin(robot: Finished) -> None:
 def test_a_motion_that_a_controller_cannot_run_is_refused_before_the_search(
     robot: Finished,
 ) -> None:
-    robot.act("design", "design", budget="3600", format="urscript")
+    assert "nothing limits where the robot may move" in robot.page("design")
+    robot.act("design", "design", **form(robot, floor="0.3"), budget="3600", format="urscript")
+    assert excitation(robot)["workspace"] == {"floor": 0.3}, "what was typed is designed for"
+    begun = robot.jobs.begun[-1]
+    assert begun.given["budget"] == 3600.0 and robot.known(begun.key(robot.workspace)) is None
     fit = named("design").numbers(robot)["fit"]
     assert "six revolute joints" in fit.error["wrong"]
-    assert "six revolute joints" in robot.page("design")
+    page = robot.page("design")
+    assert "six revolute joints" in page and 'value="3600.0"' in page
+    assert "nothing limits where the robot may move" not in page
 
 
 @pytest.mark.slow
@@ -164,7 +172,7 @@ def test_a_stop_keeps_the_best_motion(robot: Finished) -> None:
 @pytest.mark.slow
 def test_a_motion_is_designed_shown_and_rehearsed(robot: Finished) -> None:
     robot.act("design", "room", **form(robot, **WALLS))
-    robot.act("design", "design", budget="4", format="ros2")
+    robot.act("design", "design", **form(robot), budget="4", format="ros2")
     page, numbers = robot.page("design"), named("design").numbers(robot)
     folder = Path("motions/motion-1")
     names = {"trajectory.json", "trajectory.csv", "trajectory.yaml", "certificate.json"}

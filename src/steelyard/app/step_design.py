@@ -26,7 +26,15 @@ FORMATS = {
 
 AXES = ("x", "y", "z")
 ENDS = ("from", "to")
+FIRST_ASKED: Values = {
+    "budget": 10.0,
+    "formats": ["csv"],
+}  # of a design: its time [s] and its formats
 LONGEST_DESIGN = 3600.0  # budget of a design [s]
+LIMITING = ("floor", "planes", "keep_out", "world")
+LIMITING += tuple(f"box-{axis}-{end}" for axis in AXES for end in ENDS)
+"""Fields of the form that limit where the robot may move."""
+
 MOST_WALLS = 50
 
 
@@ -91,9 +99,15 @@ def _numbers(desk: Desk) -> Values:
     design, rehearsal = _design_work(desk), _rehearsal_work(desk)
     fit = None if design is None else desk.look(design)
     trial = None if rehearsal is None else desk.look(rehearsal)
+    excitation = _excitation(desk)
+    now = _fields(excitation)
     return {
         "room": desk.done(room_work(desk)),
-        "now": _fields(_excitation(desk)),
+        "now": now,
+        "unlimited": all(now[name] in ("", []) for name in LIMITING),
+        "own_links": excitation.collision is None or excitation.collision.bodies,
+        "asked": {**FIRST_ASKED, **({} if design is None else design.given)},
+        "seed": 1 if rehearsal is None else rehearsal.given.get("seed", 1),
         "axes": AXES,
         "worlds": [m for m in workspace.robot_models if m != workspace.choices.get("model")],
         "formats": FORMATS,
@@ -232,7 +246,7 @@ def _rows(form: Values, name: str, count: int) -> list[list[float]]:
 
 
 def _design(desk: Desk, form: Values) -> None:
-    """Begin a design, into a folder with a new number."""
+    """Begin a design in the room that the form describes, into a folder with a new number."""
     budget, form_of = _number(form, "budget"), one_of(form, "format", [*FORMATS])
     if budget is None or not 1.0 <= budget <= LONGEST_DESIGN:
         raise DataError(
@@ -240,6 +254,7 @@ def _design(desk: Desk, form: Values) -> None:
             where="time for the search",
             fix="10 s is usual",
         )
+    _room(desk, form)
     folder = desk.workspace.new_name(MOTIONS, "motion")
     chosen = {"folder": folder, "budget": budget, "formats": [form_of]}
     desk.workspace.choose(design=chosen, motion_shown=None)

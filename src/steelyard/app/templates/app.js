@@ -41,6 +41,56 @@ function valuesOf(form) {
   return found;
 }
 
+// A name that a field or button of a form has in the next page too; boxes to tick go by their values.
+function nameOf(one) {
+  if (!one.form || !one.form.dataset.post) return "";
+  const ticked = one.type === "checkbox" || one.type === "radio";
+  const own = ticked ? `${one.name.replace(/\d+$/, "")}=${one.value}` : one.name;
+  const value = one.matches("button") ? one.value || one.getAttribute("formaction") || "" : "";
+  return JSON.stringify([one.form.dataset.post, own, value]);
+}
+
+const fieldsOf = (root) => [...root.querySelectorAll("input, select, textarea")]
+  .filter((one) => nameOf(one) && one.type !== "file" && !one.closest("[data-keep]"));
+
+function changed(one) {
+  if (one.type === "checkbox" || one.type === "radio") return one.checked !== one.defaultChecked;
+  if (!one.matches("select")) return one.value !== one.defaultValue;
+  const first = [...one.options].find((option) => option.defaultSelected) || one.options[0];
+  return Boolean(first) && one.value !== first.value;
+}
+
+// What was typed, ticked or chosen and not sent.
+const unsent = () => new Map(fieldsOf(byId("step"))
+  .filter((one) => !one.form.dataset.sent && changed(one))
+  .map((one) => [nameOf(one), { value: one.value, checked: one.checked }]));
+
+function retype(values) {
+  fieldsOf(byId("step")).forEach((one) => {
+    const typed = values.get(nameOf(one));
+    if (!typed) return;
+    if (one.type === "checkbox" || one.type === "radio") one.checked = typed.checked;
+    else if (!one.matches("select")) one.value = typed.value;
+    else if ([...one.options].some((option) => option.value === typed.value)) one.value = typed.value;
+  });
+}
+
+function focused() {
+  const one = document.activeElement;
+  if (!one || one === document.body) return null;
+  const text = one.matches("textarea, input:not([type]), input[type=text]");
+  return { id: one.id, name: nameOf(one), marked: text ? [one.selectionStart, one.selectionEnd] : null };
+}
+
+function focusAgain(before) {
+  if (!before) return;
+  const one = (before.id && byId(before.id))
+    || (before.name && [...document.querySelectorAll("input, select, textarea, button")].find((x) => nameOf(x) === before.name));
+  if (!one || one === document.activeElement) return;
+  one.focus({ preventScroll: true });
+  if (before.marked) one.setSelectionRange(...before.marked);
+}
+
 // The page as it is now. Pictures whose data are the same stay as they are drawn; so do the focus,
 // what is unfolded, and what was typed but not sent.
 async function refresh() {
@@ -59,7 +109,7 @@ async function refresh() {
 }
 
 function swap(page) {
-  const focus = document.activeElement && document.activeElement.id;
+  const focus = focused(), typed = unsent();
   const open = new Map([...document.querySelectorAll("details[id][data-touched]")].map((one) => [one.id, one.open]));
   for (const name of ["steps", "step"]) {
     const old = byId(name), fresh = page.getElementById(name);
@@ -77,7 +127,8 @@ function swap(page) {
   open.forEach((state, id) => {
     if (byId(id)) { byId(id).open = state; byId(id).dataset.touched = "yes"; }
   });
-  if (focus && byId(focus)) byId(focus).focus({ preventScroll: true });
+  retype(typed);
+  focusAgain(focus);
   begin();
 }
 
@@ -143,7 +194,11 @@ document.addEventListener("submit", async (event) => {
   markBusy(true);
   const values = valuesOf(form);
   if (event.submitter && event.submitter.name) values[event.submitter.name] = event.submitter.value;
-  if (await post(form.dataset.post, values)) {
+  const asked = event.submitter && event.submitter.getAttribute("formaction");
+  if (await post(asked || form.dataset.post, values)) {
+    document.querySelectorAll("form[data-post]").forEach((one) => {  // a refresh may have replaced it
+      if (one.dataset.post === form.dataset.post) one.dataset.sent = "yes";
+    });
     await refresh();
   }
   markBusy(false);
@@ -152,6 +207,10 @@ document.addEventListener("submit", async (event) => {
 document.addEventListener("click", (event) => {
   const summary = event.target.closest("summary");
   if (summary) summary.parentElement.dataset.touched = "yes";
+});
+
+document.addEventListener("input", (event) => {
+  if (event.target.form) delete event.target.form.dataset.sent;
 });
 
 document.addEventListener("change", (event) => {
