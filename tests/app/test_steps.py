@@ -221,6 +221,35 @@ def test_lines_that_were_tried_together_are_written_together() -> None:
     assert _edits(Finding("check", "x", Severity.OK, "says"), every) == ()
 
 
+def test_findings_with_the_same_lines_are_accepted_once_and_open_checks_listed(
+    ready: Finished,
+) -> None:
+    ready.act("logs", "set", **table(ready, position__0="q2", position__1="q1"))
+    ready.act("check", "run")
+    path = ready.workspace.derived(check_work(ready).key(ready.workspace))
+    known = json.loads(path.read_text())
+    wrong = next(one for one in known["result"]["findings"] if one["edits"])
+    told = {"severity": 1, "word": "doubtful", "picture": None}
+    no_lines = told | {"edits": [], "lines": "", "fix": "look", "log": "a"}
+    known["result"]["findings"] = [
+        wrong | {"check": "one", "log": "a"},
+        wrong | told | {"check": "other", "log": "b"},
+        *(wrong | no_lines | {"check": name} for name in ("third", "fourth")),
+        wrong | no_lines | {"check": "fifth", "severity": 0, "word": "open", "says": "cannot tell"},
+    ]
+    path.write_text(json.dumps(known))
+    page = ready.page("check")
+    assert page.count("Accept: write") == 1
+    assert page.count('aria-label="Lines for the robot file"') == 1
+    assert page.count("<b>What to do:</b> look") == 2, "no lines are no same change"
+    assert "The same change for the 2 findings above" in page
+    assert page.count("Leave as it is") == 4
+    assert "1 check left open" in page and "without fault" not in page
+    ready.act("check", "leave", finding="other | b")
+    page = ready.page("check")
+    assert page.count("Accept: write") == 2 and "The same change" not in page
+
+
 def test_a_finding_without_a_picture_shows_its_hypotheses() -> None:
     rivals = (
         ComparedHypothesis("as declared", 12.0, -30.0, True),

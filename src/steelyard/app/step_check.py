@@ -1,5 +1,7 @@
 """Step 3, the check: findings with their pictures, fixes that are accepted or left."""
 
+import json
+from collections.abc import Iterable
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -8,6 +10,7 @@ from steelyard.app.step import OPEN, Desk, Outcome, Step, Values, text_of
 from steelyard.app.step_logs import preview_work
 from steelyard.app.workspace import REPORTS
 from steelyard.base.errors import DataError
+from steelyard.check.finding import OPEN_WORD
 from steelyard.robot.file.toml_edits import Edit
 
 WRONG = 2  # the severity that keeps the next step locked
@@ -53,9 +56,10 @@ def _numbers(desk: Desk) -> Values:
     bad = [one for one in every if one["severity"]]
     return {
         "found": found,
-        "bad": [one for one in bad if _name(one) not in left],
-        "left": [one for one in bad if _name(one) in left],
-        "fine": [one for one in every if not one["severity"]],
+        "bad": _by_change(one for one in bad if _name(one) not in left),
+        "left": _by_change(one for one in bad if _name(one) in left),
+        "undecided": [one for one in every if one["word"] == OPEN_WORD],
+        "fine": [one for one in every if not one["severity"] and one["word"] != OPEN_WORD],
         "wrong": [one for one in every if one["severity"] >= WRONG],
         "right": _put_right(desk, every),
         "reason": reason_of(desk),
@@ -66,6 +70,15 @@ def _numbers(desk: Desk) -> Values:
         "name": _name,
         "least": LEAST_REASON,
     }
+
+
+def _by_change(findings: Iterable[Any]) -> list[list[Any]]:
+    """Findings whose fix is the same change of the robot file together, in order of the first."""
+    groups = dict[str, list[Any]]()
+    for number, one in enumerate(findings):
+        key = json.dumps(one["edits"], sort_keys=True) if one["edits"] else f"{number}"
+        groups.setdefault(key, []).append(one)
+    return list(groups.values())
 
 
 def _name(finding: Any) -> str:
