@@ -29,25 +29,51 @@ def faults(visitor: Visitor, step: str) -> list[str]:
 def test_a_motion_is_designed_and_rehearsed(tmp_path: Path, arm: Path) -> None:
     with serving(tmp_path / "workspace") as server, visiting(server.address) as visitor:
         page = visitor.page
-        visitor.drop("robot", arm / "arm.urdf")
+        robot = tmp_path / "arm"
+        robot.mkdir()
+        (robot / "arm.urdf").write_bytes((arm / "arm.urdf").read_bytes())
+        for name in ("LICENSE", "README.md"):
+            (robot / name).write_text("words")
+        page.set_input_files("#folder-robot", str(robot))
+        visitor.see("#message.calm:has-text('1 file taken, 2 skipped')")
         visitor.see(".space3d[data-drawn]")
+        visitor.idle()
+        page.locator("#dh summary").click()
+        page.fill("[name=name]", "typed")
+        page.focus("[name=rows]")
+        page.evaluate("document.activeElement.setSelectionRange(2, 4)")
+        version = page.get_attribute("#step", "data-version")
+        file = server.folder / "robot.toml"
+        file.write_text(file.read_text() + "\n# by an editor\n")
+        visitor.see(f"#step:not([data-version='{version}'])")
+        visitor.idle()
+        assert page.input_value("[name=name]") == "typed"
+        assert page.evaluate("document.activeElement.name") == "rows"
+        assert page.evaluate("document.activeElement.selectionEnd") == 4
         visitor.step("Design")
         visitor.see(".space3d[data-drawn]")
         page.fill("[name=floor]", "0.05")
-        page.fill("[name=keep_out]", "0.3 0.5 -0.8 -0.6 0 0.3")
         visitor.click("Write into the robot file")
         visitor.idle()
-        written = tomllib.loads((server.folder / "robot.toml").read_text())["excitation"]
+        written = tomllib.loads(file.read_text())["excitation"]
         assert written["workspace"]["floor"] == 0.05
+        assert page.input_value("[name=floor]") == "0.05"
+        page.fill("[name=floor]", "0.06")
         page.fill("[name=share]", "7")
         page.locator("form[data-post='/design/room']").evaluate("form => form.noValidate = true")
         visitor.click("Write into the robot file")
         visitor.see("#message:has-text('share')")
-        page.reload()
+        page.fill("[name=share]", "0.9")
+        page.fill("[name=keep_out]", "0.3 0.5 -0.8 -0.6 0 0.3")
         page.fill("[name=budget]", "4")
         visitor.click("Design the motion")
         visitor.see("[data-play]")
         visitor.idle()
+        written = tomllib.loads(file.read_text())["excitation"]
+        assert written["workspace"]["floor"] == 0.06 and written["limits"]["share"] == 0.9
+        assert written["workspace"]["keep_out"] == [
+            {"x": [0.3, 0.5], "y": [-0.8, -0.6], "z": [0, 0.3]}
+        ]
         visitor.click("Play")
         page.wait_for_selector("[data-now]:not(:text-is('0.0 s'))")
         visitor.click("Rehearse")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from markupsafe import Markup
 
 from steelyard.app.jobs import Job, Jobs, Work
-from steelyard.app.workspace import Workspace
+from steelyard.app.workspace import KINDS, Workspace
 from steelyard.base.errors import DataError, SteelyardError
 from steelyard.base.files import read_json
 from steelyard.base.templates import templates_of
@@ -135,7 +135,7 @@ def _environment() -> "Environment":
     environment = templates_of(TEMPLATES, autoescape=True)
     environment.filters |= {"significant": words.significant, "json": script_json}
     environment.filters["figure"] = lambda text: script_json(json.loads(text))
-    environment.globals |= {"count": words.count}
+    environment.globals |= {"count": words.count, "file_kinds": KINDS}
     return environment
 
 

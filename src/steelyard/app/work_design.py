@@ -25,6 +25,7 @@ from steelyard.identify.identify import identify
 from steelyard.identify.page.parameters_and_truth import TruthSection
 from steelyard.report.page import packed
 from steelyard.report.page_figures import Figure, line
+from steelyard.report.words import significant
 from steelyard.robot.file.excitation_sections import WorkspaceSection
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
@@ -132,7 +133,7 @@ def _clearances(loaded: LoadedRobot, motion: ExactTrajectory) -> dict[str, Any]:
         order = np.argsort(least)
         curves += [(constraint.labels[k], margins[:, k]) for k in order[:MOST_CURVES]]
         beyond += [
-            f"{constraint.labels[k]}: violated by {-1e3 * least[k]:.3g} mm"
+            f"{constraint.labels[k]}: violated by {significant(-1e3 * least[k])} mm"
             for k in order[: int(np.sum(least < 0.0))]
         ]
     lines = [

@@ -10,6 +10,7 @@ from steelyard.base.progress import Progress, report_progress
 from steelyard.logs.formats import open_log
 from steelyard.report.page import packed
 from steelyard.report.page_figures import Figure, drawn, line
+from steelyard.report.words import significant
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs.recording import Recording
 from steelyard.runs.runs_of_named_logs import log_file, recording_of, signals_of
@@ -119,8 +120,7 @@ def _beyond(names: tuple[str, ...], q: Array, joints: Any) -> list[str]:
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
         limits = joint.limits
         if low < limits.lower or high > limits.upper:
-            found.append(
-                f"{name} moves from {low:.3g} to {high:.3g} {joint.unit}, beyond its limits "
-                f"{limits.lower:.3g} to {limits.upper:.3g} {joint.unit}"
-            )
+            moved = f"{significant(low)} to {significant(high)} {joint.unit}"
+            allowed = f"{significant(limits.lower)} to {significant(limits.upper)} {joint.unit}"
+            found.append(f"{name} moves from {moved}, beyond its limits {allowed}")
     return found

@@ -6,9 +6,20 @@ let refreshing = null, again = false;
 
 const GONE = "The app does not answer. Is it still running? Start it again, and open its address: steelyard app";
 
-function say(words) {
+function say(words, calm = false) {
   byId("message").textContent = words;
+  byId("message").classList.toggle("calm", calm);
   if (words) byId("message").scrollIntoView({ block: "nearest" });
+}
+
+// What the server said of something that it refused.
+function refusal(text, otherwise) {
+  try {
+    const told = JSON.parse(text);
+    return `${told.wrong}\n${told.where}\n${told.fix}`;
+  } catch (error) {
+    return otherwise;
+  }
 }
 
 // Send something; what the server refuses is shown, and is `false`.
@@ -22,12 +33,7 @@ async function send(address, options) {
   }
   if (answer.ok) return true;
   const text = await answer.text();
-  try {
-    const told = JSON.parse(text);
-    say(`${told.wrong}\n${told.where}\n${told.fix}`);
-  } catch (error) {
-    say(text || `The app failed (${answer.status}).`);
-  }
+  say(refusal(text, text || `The app failed (${answer.status}).`));
   return false;
 }
 
@@ -222,39 +228,53 @@ document.addEventListener("change", (event) => {
   }
 });
 
-// With XMLHttpRequest, as fetch tells no progress of what is sent.
+// With XMLHttpRequest, as fetch tells no progress of what is sent. Why it is refused; empty if it is not.
 function put(address, file, progress) {
   return new Promise((done) => {
     const request = new XMLHttpRequest();
     request.open("PUT", address);
     request.upload.addEventListener("progress", (event) => progress(event.loaded));
-    request.addEventListener("error", () => { say(GONE); done(false); });
+    request.addEventListener("error", () => done(GONE));
     request.addEventListener("load", () => {
-      if (request.status < 300) { done(true); return; }
-      try {
-        const told = JSON.parse(request.responseText);
-        say(`${told.wrong}\n${told.where}\n${told.fix}`);
-      } catch (error) { say(`The file was refused (${request.status}).`); }
-      done(false);
+      const failed = `${file.name} was refused (${request.status}).`;
+      done(request.status < 300 ? "" : refusal(request.responseText, failed));
     });
     request.send(file);
   });
 }
 
+// Whether a file is of a kind that the field takes; hidden files and folders are not.
+const belongs = (drop, name) => !/(^|\/)\./.test(name)
+  && drop.dataset.kinds.split(" ").some((kind) => name.toLowerCase().endsWith(kind));
+
+const several = (count) => `${count} ${count === 1 ? "file" : "files"}`;
+
 async function upload(drop, files) {
   say("");
   markBusy(true);
-  const bar = drop.querySelector("progress"), total = files.reduce((sum, [, file]) => sum + file.size, 0) || 1;
+  const taken = files.filter(([name]) => belongs(drop, name)), skipped = files.filter(([name]) => !belongs(drop, name));
+  const bar = drop.querySelector("progress"), total = taken.reduce((sum, [, file]) => sum + file.size, 0) || 1;
   bar.hidden = false;
   let sent = 0, stored = 0;
-  for (const [name, file] of files) {
+  const refused = [];
+  for (const [name, file] of taken) {
     const address = drop.dataset.drop + name.split("/").map(encodeURIComponent).join("/");
-    stored += await put(address, file, (loaded) => { bar.value = (sent + loaded) / total; });
+    const why = await put(address, file, (loaded) => { bar.value = (sent + loaded) / total; });
+    if (why) refused.push(why);
+    else stored += 1;
+    if (why === GONE) break;
     sent += file.size;
   }
   bar.hidden = true;
   drop.querySelectorAll("input").forEach((one) => { one.value = ""; });
-  if (stored) await post(drop.dataset.then, {});
+  const begun = stored ? await post(drop.dataset.then, {}) : true;
+  if (begun && (skipped.length || refused.length)) {
+    const names = skipped.slice(0, 5).map(([name]) => name).join(", ") + (skipped.length > 5 ? ", …" : "");
+    const left = skipped.length ? [`${skipped.length} skipped: ${names}`] : [];
+    const tally = [`${several(stored)} taken`, ...left].join(", ");
+    const kinds = `Files that are read here end in ${drop.dataset.kinds.split(" ").join(", ")}.`;
+    say([tally, ...(stored || refused.length ? [] : [kinds]), ...refused].join("\n"), stored > 0 && !refused.length);
+  }
   refresh();
 }
 
