@@ -6,7 +6,7 @@ from typing import Any
 
 from steelyard.app.jobs import Work
 from steelyard.app.step import OPEN, Desk, Step, Values, one_of, text_of
-from steelyard.app.workspace import KINDS, MODEL_FILES, MOTIONS, REPORTS
+from steelyard.app.workspace import MOTIONS, REPORTS
 from steelyard.base.errors import DataError
 from steelyard.excite.controller_file_formats import EXPORTS
 from steelyard.robot.file.excitation_sections import ExcitationSection
@@ -28,7 +28,7 @@ AXES = ("x", "y", "z")
 ENDS = ("from", "to")
 FIRST_ASKED: Values = {"budget": 10.0, "formats": ["csv"]}  # of a design: time [s], formats
 LONGEST_DESIGN = 3600.0  # budget of a design [s]
-LIMITING = ("floor", "planes", "keep_out", "world")
+LIMITING: tuple[str, ...] = ("floor", "planes", "keep_out", "world")
 LIMITING += tuple(f"box-{axis}-{end}" for axis in AXES for end in ENDS)
 """Fields of the form that limit where the robot may move."""
 
@@ -37,7 +37,7 @@ MOST_WALLS = 50
 
 def _robot_files(desk: Desk) -> tuple[str, ...]:
     workspace = desk.workspace
-    return (workspace.robot_file.name, *workspace.files(MODEL_FILES, KINDS[MODEL_FILES]))
+    return (workspace.robot_file.name, *workspace.model_files)
 
 
 def room_work(desk: Desk) -> Work:

@@ -5,7 +5,6 @@ from math import isfinite
 
 from steelyard.app.jobs import Work
 from steelyard.app.step import Desk, Outcome, Step, Values, one_of, text_of
-from steelyard.app.workspace import KINDS, MODEL_FILES
 from steelyard.base.errors import DataError
 from steelyard.robot.file.toml_edits import toml_key, toml_text
 
@@ -25,7 +24,7 @@ def scene_work(desk: Desk) -> Work:
     """The robot's bodies and shapes in space."""
     workspace = desk.workspace
     name = workspace.robot_file.name
-    files = (name, *workspace.files(MODEL_FILES, KINDS[MODEL_FILES]))
+    files = (name, *workspace.model_files)
     return Work("steelyard.app.work_robot:scene", {"robot": name}, files, "reading the robot")
 
 
