@@ -186,6 +186,7 @@ def test_a_motion_is_designed_shown_and_rehearsed(robot: Finished) -> None:
     robot.act("design", "room", **form(robot, planes="0 -1 0 -0.2"))
     violated = named("design").numbers(robot)["view"].result["beyond"]
     assert any("plane 1" in one for one in violated), "the wall has come nearer"
+    assert not any("e+" in one for one in violated)
     robot.workspace.undo()
     rehearsed = rehearse("robot.toml", str(folder), "reports/rehearsal-1", 1, silent)
     assert rehearsed["level"] == "good"

@@ -97,7 +97,9 @@ def test_every_export_writes_what_its_command_writes(model: Finished) -> None:
     model.act("use", "export", **again, original="robot/arm.urdf")
     assert numbers(model)["written"].result["path"] == "exports/model-1-1.urdf"
     assert "small arm" in Path("exports/model-1-1.urdf").read_text()
-    assert 'href="/download/exports/model-1-c"' in model.page("use")
+    page = model.page("use")
+    assert 'href="/download/exports/model-1-c"' in page
+    assert 'value="robot/arm.urdf" selected' in page, "what was exported stays chosen"
 
 
 def test_what_a_use_does_not_take_is_refused(model: Finished) -> None:

@@ -26,7 +26,7 @@ FORMATS = {
 
 AXES = ("x", "y", "z")
 ENDS = ("from", "to")
-FIRST_ASKED: Values = {"budget": 10.0, "formats": ["csv"]}  # of a design: time [s], formats
+FIRST_ASKED: Values = {"budget": 10, "formats": ["csv"]}  # of a design: time [s], formats
 LONGEST_DESIGN = 3600.0  # budget of a design [s]
 LIMITING: tuple[str, ...] = ("floor", "planes", "keep_out", "world")
 LIMITING += tuple(f"box-{axis}-{end}" for axis in AXES for end in ENDS)

@@ -81,7 +81,7 @@ def _known(desk: Desk, work: Work | None) -> Outcome | None:
 
 def _numbers(desk: Desk) -> Values:
     workspace = desk.workspace
-    chosen = workspace.choices.get("use")
+    chosen, exported = (workspace.choices.get(name) for name in ("use", "export"))
     used, written = _known(desk, _use_work(desk)), _known(desk, _export_work(desk))
     folder = None if used is None or used.result is None else str(used.result["folder"])
     return {
@@ -95,6 +95,7 @@ def _numbers(desk: Desk) -> Values:
         "earlier": _earlier(desk),
         "formats": FORMATS,
         "own": [name for name in workspace.robot_models if name.endswith(".urdf")],
+        "exported": exported if isinstance(exported, dict) else {},
         "written": written,
         "exports": _exports(desk),
     }

@@ -66,9 +66,9 @@ function changed(one) {
   return Boolean(first) && one.value !== first.value;
 }
 
-// What was typed, ticked or chosen and not sent.
+// What was typed, ticked or chosen and not sent; or sent by a form that the next page shows empty again.
 const unsent = () => new Map(fieldsOf(byId("step"))
-  .filter((one) => !one.form.dataset.sent && changed(one))
+  .filter((one) => (!one.form.dataset.sent || one.form.hasAttribute("data-stays")) && changed(one))
   .map((one) => [nameOf(one), { value: one.value, checked: one.checked }]));
 
 function retype(values) {
