@@ -8,7 +8,6 @@ import pytest
 from oracles import pinocchio_torque
 from steelyard.base.errors import ModelError
 from steelyard.excite.design_problem_from_tables import build
-from steelyard.excite.excite import design_excitation
 from steelyard.excite.search.parallel_search import SearchBudget, task_of
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
@@ -16,6 +15,7 @@ from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.init.draft_robot_file import assigned, drafted, proposed
 from steelyard.robot.models.mjcf import read_mjcf
 from steelyard.robot.robot_from_mechanism import reduced
+from steelyard.simulate.simulate import simulate
 
 BALL = '<geom type="sphere" size=".05" pos=".1 .02 0" mass=".7"/>'
 CUBE = '<body name="{}" pos="1 0 0"><freejoint/><geom type="box" size=".1 .1 .1"/></body>'
@@ -123,8 +123,8 @@ def test_a_floating_base_that_is_not_clear_is_refused(tmp_path: Path) -> None:
     one = written(tmp_path, trunk(leg("left")))
     with pytest.raises(ModelError, match="a mounting is given, and the base floats"):
         load_robot(robot_file(one, 'base = "floating"\n[robot.mounting]\nroll = 3.0'))
-    with pytest.raises(ModelError, match="the design of a motion needs a robot whose base is at"):
-        design_excitation(load_robot(one, base="floating"))
+    with pytest.raises(ModelError, match="a simulation needs a robot whose base is at rest"):
+        simulate(load_robot(one, base="floating"), tmp_path / "out")
 
 
 def test_a_link_may_be_called_floating(tmp_path: Path) -> None:
