@@ -151,3 +151,10 @@ def test_the_fingerprint_sees_what_commands_write(workspace: Workspace) -> None:
         path.write_text("x")
         seen.add(workspace.fingerprint())
     assert len(seen) == 5 and workspace.fingerprint() in seen
+
+
+def test_a_package_of_ros_is_no_model(workspace: Workspace) -> None:
+    for name in ("package.xml", "arm.urdf"):
+        (workspace.folder / "robot" / name).write_text("<a/>")
+    assert workspace.robot_models == ("robot/arm.urdf",)
+    assert workspace.model_files == ("robot/arm.urdf", "robot/package.xml")

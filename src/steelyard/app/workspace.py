@@ -113,7 +113,8 @@ class Workspace:
     @property
     def robot_models(self) -> tuple[str, ...]:
         """URDF, xacro and MJCF files."""
-        return self.files(MODEL_FILES, ROBOT_MODELS)
+        found = self.files(MODEL_FILES, ROBOT_MODELS)
+        return tuple(name for name in found if not name.endswith("/package.xml"))  # of ROS
 
     @property
     def model_files(self) -> tuple[str, ...]:
