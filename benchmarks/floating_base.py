@@ -25,7 +25,7 @@ from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import BASE_COORDINATES, Body, Robot
 
-SAMPLES, STORED = 50_000, 2_000
+BLOCK, SAMPLES, STORED = 256, 50_000, 2_000
 Best = Callable[[Callable[[], object], int], float]
 Row = tuple[str, str, str, bool]
 
@@ -74,14 +74,12 @@ def _motion(robot: Robot, count: int) -> tuple[Array, ...]:
 
 def _regressor(best: Best, found: Regressor) -> float:
     """Seconds a sample, one block."""
-    lanes = found.code.lanes
-    block = Accumulator(found).block // lanes * lanes
-    q, dq, ddq, effort = _motion(found.model.robot, block)
-    rows = np.empty((found.code.n_outputs, block + 8))
-    arrays = (q, dq, ddq, np.empty((0, block)), effort)
-    arguments = [v for x in arrays for v in (x.ctypes.data, block)]
-    out = rows.ctypes.data, block + 8
-    return best(lambda: found.code.raw(block, *arguments, *out), 100) / block
+    q, dq, ddq, effort = _motion(found.model.robot, BLOCK)
+    rows = np.empty((found.code.n_outputs, BLOCK + 8))
+    arrays = (q, dq, ddq, np.empty((0, BLOCK)), effort)
+    arguments = [v for x in arrays for v in (x.ctypes.data, BLOCK)]
+    out = rows.ctypes.data, BLOCK + 8
+    return best(lambda: found.code.raw(BLOCK, *arguments, *out), 100) / BLOCK
 
 
 def _solution(best: Best, found: Regressor) -> float:
@@ -101,7 +99,7 @@ def _solution(best: Best, found: Regressor) -> float:
 def _pinocchio(best: Best, found: Regressor, stored: Array | None = None) -> float:
     """Seconds a sample of Pinocchio's regressor, whose rows with friction may be stored."""
     robot = found.model.robot
-    model, count, n = pinocchio_model(robot), STORED if stored is not None else 256, robot.n
+    model, count, n = pinocchio_model(robot), STORED if stored is not None else BLOCK, robot.n
     data, columns = model.createData(), list(found.base.independent)
     q, dq, ddq, _ = _motion(robot, count)
     upright = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (count, 1))

@@ -96,8 +96,7 @@ def _edges(width: int, size: int) -> list[int]:
     return sorted({max(0, min(start, width - size)) for start in range(0, width, size)})
 
 
-BLOCK = 256  # most samples per inner block
-BLOCK_BYTES = 2**21  # of its rows, which then stay in the caches near a core
+BLOCK = 256  # samples per inner block: its rows stay in the second-level cache
 
 MOVING = 0.1
 """Filtered weight above which a filtered sample counts: only a rest as long as the filter is left
@@ -245,16 +244,11 @@ class Accumulator:
         return self._over_taps(np.ascontiguousarray(left), shares / shares.sum())
 
     @property
-    def block(self) -> int:
-        """Samples per inner block."""
-        return min(BLOCK, BLOCK_BYTES // (8 * self.width))
-
-    @property
     def _steps(self) -> tuple[int, int]:
         """Samples kept of the block before, and samples a block goes on by."""
         lanes, decimation = self.regressor.code.lanes, self.matched.decimation
         step = lcm(decimation, lanes)
-        return -(-self.halo // lanes) * lanes, step * max(1, self.block // step)
+        return -(-self.halo // lanes) * lanes, step * max(1, BLOCK // step)
 
     def _blocks(
         self, stretch: Stretch, work: "_Workspace", projection: Array | None = None
