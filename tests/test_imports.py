@@ -49,7 +49,7 @@ ONE_FILE = {
     "cma": {"excite/search/search_methods.py"},
     "llvmlite": {"symbolic/native/compiler.py"},
     "jinja2": {"base/templates.py"},
-    "starlette": {"app/server.py"},
+    "starlette": {"app/answers.py"},
     "uvicorn": {"app/server.py"},
     "viser": {"excite/page/browser_replay.py"},
     "pydantic": {

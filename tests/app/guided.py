@@ -170,8 +170,14 @@ def visiting(address: str) -> Iterator[Visitor]:
         context = browser.new_context(viewport={"width": 1400, "height": 900})
         context.set_default_timeout(PATIENCE_MS)
         visitor = another_tab(context, address)
-        yield visitor
-        browser.close()
+        try:
+            yield visitor
+        except Exception:  # what was on the page tells why something was not
+            print(visitor.page.url, visitor.page.locator("body").inner_text(), visitor.wrong)
+            print(visitor.page.locator("#step").evaluate("one => one.outerHTML.slice(0, 200)"))
+            raise
+        finally:
+            browser.close()
 
 
 def another_tab(context: Any, address: str) -> Visitor:

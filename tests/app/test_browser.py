@@ -114,6 +114,29 @@ def test_two_tabs_agree_and_so_does_an_editor(started: tuple[Server, Visitor], a
     assert second.wrong == []
 
 
+def test_what_stays_the_same_is_not_replaced(started: tuple[Server, Visitor], arm: Path) -> None:
+    server, visitor = started
+    logs_read(visitor, arm)
+    page = visitor.page
+    kept = ("#files-logs", "a[href='/check']", "button[value='logs/b.csv']", "#sign-1", ".picture")
+    page.evaluate("all => all.forEach(x => { document.querySelector(x).marked = true; })", kept)
+    page.locator("#columns ~ form th .sort").first.click()
+    page.evaluate("document.querySelector('#unit-2').value = 'deg'")  # not sent
+    robot = server.folder / "robot.toml"
+    robot.write_text(robot.read_text().replace('"q{}"', '["q3", "q2", "q1"]'))
+    page.wait_for_selector("#position-0 option[selected]:text-is('q3')", state="attached")
+    visitor.idle()
+    assert page.input_value("#position-0") == "q3" and page.input_value("#unit-2") == "deg"
+    lost = "all => all.filter(x => !document.querySelector(x).marked)"
+    assert page.evaluate(lost, kept) == [".picture"]  # drawn from other data
+    assert page.locator("#columns ~ form th .sort").count() == 6
+    assert visitor.page.locator("#columns ~ form tbody th").all_inner_texts() == [
+        "joint1",
+        "joint2",
+        "joint3",
+    ]
+
+
 def test_all_by_keyboard(started: tuple[Server, Visitor], arm: Path) -> None:
     server, visitor = started
     page = visitor.page

@@ -128,6 +128,16 @@ def working_in(folder: Path) -> list[str]:
 
 
 @pytest.mark.slow
+def test_a_stop_that_comes_before_the_server_runs_ends_it(tmp_path: Path) -> None:
+    pytest.importorskip("starlette")
+    from steelyard.app.server import serve
+
+    said: list[str] = []
+    serve(tmp_path, 0, False, said.append, lambda: True)
+    assert len(said) == 1
+
+
+@pytest.mark.slow
 def test_an_occupied_port_is_refused(checked: Path) -> None:
     from typer.testing import CliRunner
 

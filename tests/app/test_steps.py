@@ -17,13 +17,16 @@ from steelyard.app.step_logs import STEP as LOGS
 from steelyard.app.step_logs import columns_work, preview_work
 from steelyard.app.step_robot import scene_of
 from steelyard.app.work_check import _edits, picture_of
+from steelyard.app.work_process import finish
 from steelyard.base.errors import DataError, SteelyardError
+from steelyard.base.progress import silent
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Severity
 from steelyard.cli.app import app
 from steelyard.robot.file.toml_schema import tomllib
 
 pytestmark = pytest.mark.slow
 
+OUT = Path("out.json")  # in the current folder, which is the workspace
 EVIL = "<script>document.body.dataset.errors='ran'</script>"
 
 
@@ -49,6 +52,16 @@ def test_the_robot_file_is_that_of_the_command(ready: Finished) -> None:
     )
     assert done.exit_code == 0, done.output
     assert Path("other.toml").read_text() == ready.workspace.robot_text
+
+
+def test_a_proposal_that_another_one_followed_is_not_written(ready: Finished) -> None:
+    ready.workspace.choose(init=["logs/a.csv"])
+    before = ready.workspace.robot_text
+    finish("steelyard.app.work_robot:init", {"model": "robot/arm.urdf", "logs": []}, OUT, silent)
+    assert "result" in json.loads(OUT.read_text())
+    assert ready.workspace.robot_text == before and ready.workspace.untouched
+    ready.workspace.write_robot("[robot]\n")
+    assert not ready.workspace.untouched
 
 
 def test_the_scene_has_every_body_with_its_mass(ready: Finished) -> None:

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from steelyard.app.server import THREE
-from steelyard.app.step import TEMPLATES
+from steelyard.app.step import TEMPLATES, THREE
 
 ENTRY = Path(__file__).parents[2] / "tools" / "three_entry.js"
 THREE_JS = gzip.decompress(THREE.read_bytes())

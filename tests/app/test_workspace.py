@@ -44,6 +44,15 @@ def test_links_that_lead_out_are_refused_and_not_listed(
     assert workspace.logs == ("logs/own.csv",)
 
 
+def test_files_with_names_that_are_refused_do_not_keep_changes_from_being_seen(
+    workspace: Workspace, tmp_path: Path
+) -> None:
+    (workspace.folder / "logs" / "linked.csv").symlink_to(tmp_path / "outside.csv")
+    before = workspace.fingerprint()
+    (workspace.folder / "logs" / "a\\b.csv").write_text("t,q\n")
+    assert workspace.fingerprint() != before
+
+
 @pytest.mark.parametrize(
     ("given", "stored"),
     [

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 TEMPLATES = Path(__file__).parent / "templates"
+THREE = Path(__file__).parent / "three" / "three.min.js.gz"
+"""The parts that the scene uses, compressed; `tools/update_browser_script.py` replaces it."""
 
 Values = Mapping[str, Any]  # fields of a form, as JSON values
 OPEN = ""  # why a step is locked, where it is not

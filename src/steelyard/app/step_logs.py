@@ -6,7 +6,6 @@ from typing import Any
 from steelyard.app.jobs import Work
 from steelyard.app.step import OPEN, Desk, Step, Values, one_of
 from steelyard.app.step_robot import init_of, propose, scene_of
-from steelyard.app.workspace import digest
 from steelyard.base.errors import DataError
 from steelyard.robot.file.signals import EFFORT_UNITS, POSITION_UNITS, TIME_UNITS, expanded
 from steelyard.robot.file.toml_edits import Edit
@@ -70,9 +69,9 @@ def _numbers(desk: Desk) -> Values:
 
 
 def _untouched(desk: Desk) -> bool:
-    """Whether the robot file is as it was proposed last."""
-    text = desk.workspace.robot_text
-    return text is None or digest(text) == desk.workspace.choices.get("drafted")
+    """Whether the robot file is as it was proposed last, or is being proposed."""
+    init = init_of(desk)
+    return desk.workspace.untouched or (init is not None and init.job is not None)
 
 
 def _signals(desk: Desk) -> Mapping[str, Any]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.app.workspace import Workspace, digest
+from steelyard.app.workspace import Workspace
 from steelyard.base.arrays import Array
 from steelyard.base.progress import Progress, report_progress
 from steelyard.check.decision.drive_gains_and_what_init_learns import (
@@ -118,8 +118,9 @@ def init(model: str, logs: Sequence[str], progress: Progress) -> dict[str, Any]:
         known = replace(known, gears=gears)
     draft = drafted(proposal, assignment, workspace.robot_file, known)
     report_progress(progress, "writing", 1.0, 1.0)
-    workspace.write_robot(draft.text)
-    workspace.choose(drafted=digest(draft.text))
+    asked = workspace.choices.get("model"), workspace.choices.get("init")
+    if asked == (model, list(logs)):  # and nothing else since
+        workspace.draft_robot(draft.text)
     return {
         "reasons": list(draft.reasons),
         "contradictions": [] if guess is None else list(guess.contradictions),

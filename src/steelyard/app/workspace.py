@@ -26,6 +26,7 @@ MODEL_FILES, LOGS, MODELS, REPORTS = "robot", "logs", "models", "reports"
 MOTIONS, USED_LOGS, EXPORTS = "motions", "used-logs", "exports"
 REMOVED = "removed"  # folder of files that were put aside
 HISTORY, DERIVED, CHOICES = "history", ".derived", "app.json"
+DRAFT = "proposed.toml"  # in the history: the robot file as it was proposed last
 KINDS = {
     MODEL_FILES: (".urdf", ".xacro", ".xml", ".mjcf", ".stl", ".obj", ".dae", ".yaml", ".yml"),
     LOGS: (".csv", ".tsv", ".txt", ".parquet", ".mcap", ".bag", ".db3", ".npz", ".npy", ".mat")
@@ -197,6 +198,19 @@ class Workspace:
             part.write_text(text, encoding="utf-8")
         self._note_version(text)
 
+    def draft_robot(self, text: str) -> None:
+        """Replace the robot file by a proposal, which others may replace until it is edited."""
+        (self.folder / HISTORY).mkdir(exist_ok=True)
+        with whole_file(self.folder / HISTORY / DRAFT) as part:
+            part.write_text(text, encoding="utf-8")
+        self.write_robot(text)
+
+    @property
+    def untouched(self) -> bool:
+        """Whether there is no robot file, or one as it was proposed last."""
+        text, draft = self.robot_text, self.folder / HISTORY / DRAFT
+        return text is None or (draft.is_file() and draft.read_text(encoding="utf-8") == text)
+
     def edit_robot(self, changes: Iterable[Edit]) -> None:
         """Change keys of the robot file."""
         text = self.robot_text
@@ -278,7 +292,7 @@ class Workspace:
             try:
                 state = self.path(name).stat()
                 seen.append((name, state.st_size, state.st_mtime_ns))
-            except OSError:
+            except (OSError, OutputError):  # a link that leads out is as one that leads nowhere
                 seen.append((name, -1, 0))
         return hashlib.sha256(json.dumps(seen).encode()).hexdigest()[:24]
 
@@ -326,11 +340,6 @@ def _is_robot_file(path: Path) -> bool:
 
 def _written(path: Path) -> int:
     return path.stat().st_mtime_ns
-
-
-def digest(text: str) -> str:
-    """Of a text."""
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def opened(folder: Path) -> Workspace:

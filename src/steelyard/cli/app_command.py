@@ -29,5 +29,5 @@ def app(
     from steelyard.app.server import serve
 
     with interrupt.quietly():
-        serve(folder, port, not no_browser, typer.echo)
+        serve(folder, port, not no_browser, typer.echo, interrupt.stop_requested)
     interrupt.answered()

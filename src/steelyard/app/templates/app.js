@@ -47,58 +47,69 @@ function valuesOf(form) {
   return found;
 }
 
-// A name that a field or button of a form has in the next page too; boxes to tick go by their values.
-function nameOf(one) {
-  if (!one.form || !one.form.dataset.post) return "";
-  const ticked = one.type === "checkbox" || one.type === "radio";
-  const own = ticked ? `${one.name.replace(/\d+$/, "")}=${one.value}` : one.name;
-  const value = one.matches("button") ? one.value || one.getAttribute("formaction") || "" : "";
-  return JSON.stringify([one.form.dataset.post, own, value]);
-}
-
-const fieldsOf = (root) => [...root.querySelectorAll("input, select, textarea")]
-  .filter((one) => nameOf(one) && one.type !== "file" && !one.closest("[data-keep]"));
+const ticked = (one) => one.type === "checkbox" || one.type === "radio";
+const fieldsOf = (root) => [...root.querySelectorAll("form[data-post] :is(input, select, textarea)")]
+  .filter((one) => one.type !== "file" && !one.closest("[data-keep]"));
 
 function changed(one) {
-  if (one.type === "checkbox" || one.type === "radio") return one.checked !== one.defaultChecked;
+  if (ticked(one)) return one.checked !== one.defaultChecked;
   if (!one.matches("select")) return one.value !== one.defaultValue;
   const first = [...one.options].find((option) => option.defaultSelected) || one.options[0];
   return Boolean(first) && one.value !== first.value;
 }
 
-// What was typed, ticked or chosen and not sent; or sent by a form that the next page shows empty again.
-const unsent = () => new Map(fieldsOf(byId("step"))
-  .filter((one) => (!one.form.dataset.sent || one.form.hasAttribute("data-stays")) && changed(one))
-  .map((one) => [nameOf(one), { value: one.value, checked: one.checked }]));
+// What was typed, ticked or chosen stays until it is sent; the form may ask that it stays then too.
+const unsent = (one) => changed(one) && (!one.form.dataset.sent || one.form.hasAttribute("data-stays"));
 
-function retype(values) {
-  fieldsOf(byId("step")).forEach((one) => {
-    const typed = values.get(nameOf(one));
-    if (!typed) return;
-    if (one.type === "checkbox" || one.type === "radio") one.checked = typed.checked;
-    else if (!one.matches("select")) one.value = typed.value;
-    else if ([...one.options].some((option) => option.value === typed.value)) one.value = typed.value;
+function reset(one) {
+  if (ticked(one)) one.checked = one.defaultChecked;
+  else if (!one.matches("select")) one.value = one.defaultValue;
+  else [...one.options].forEach((option) => { option.selected = option.defaultSelected; });
+}
+
+// What an element is, whatever it shows: a click on it does the same. Boxes to tick go by their values.
+function keyOf(one) {
+  if (one.nodeType !== Node.ELEMENT_NODE) return one.nodeName;
+  const name = one.getAttribute("name") || "";
+  const value = ticked(one) || one.matches("button, option") ? one.value : "";
+  const rest = ["id", "href", "src", "formaction", "aria-labelledby", "data-post", "data-keep"];
+  return [one.nodeName, ticked(one) ? name.replace(/\d+$/, "") : name, value, ...rest.map((what) => one.getAttribute(what))].join(" ");
+}
+
+const PLAIN = new WeakMap();  // tables as the server sent them: headings that sort change them
+
+// Make a part of the page what the server sent, in place: what stays the same keeps its focus, its
+// scroll, what was typed, a press that has begun; pictures of the same data stay as they are drawn.
+function become(old, next) {
+  if (old.nodeType !== Node.ELEMENT_NODE) {
+    if (old.data !== next.data) old.data = next.data;
+    return;
+  }
+  if (old.dataset.keep) {
+    const place = old.querySelector("[data-motion]"), moved = next.querySelector("[data-motion]");
+    if (place && moved) place.dataset.motion = moved.dataset.motion;
+    return;
+  }
+  if (old.isEqualNode(next) || (old.matches("table") && PLAIN.get(old) === next.outerHTML)) return;
+  if (old.matches("table")) PLAIN.set(old, next.outerHTML);
+  const own = old.dataset.touched ? ["open", "data-touched"] : [];
+  for (const { name } of [...old.attributes]) if (!own.includes(name) && !next.hasAttribute(name)) old.removeAttribute(name);
+  for (const { name, value } of next.attributes) if (!own.includes(name) && old.getAttribute(name) !== value) old.setAttribute(name, value);
+  const left = [...old.childNodes].map((one) => [keyOf(one), one]);
+  const pairs = [...next.childNodes].map((child) => {
+    const key = keyOf(child), at = left.findIndex(([other]) => other === key);
+    return [child, at < 0 ? null : left.splice(at, 1)[0][1]];
   });
+  left.forEach(([, one]) => one.remove());
+  let place = old.firstChild;
+  for (const [child, found] of pairs) {
+    if (found && found === place) place = place.nextSibling;
+    else old.insertBefore(found || document.adoptNode(child), place);
+    if (found) become(found, child);
+  }
 }
 
-function focused() {
-  const one = document.activeElement;
-  if (!one || one === document.body) return null;
-  const text = one.matches("textarea, input:not([type]), input[type=text]");
-  return { id: one.id, name: nameOf(one), marked: text ? [one.selectionStart, one.selectionEnd] : null };
-}
-
-function focusAgain(before) {
-  if (!before) return;
-  const one = (before.id && byId(before.id))
-    || (before.name && [...document.querySelectorAll("input, select, textarea, button")].find((x) => nameOf(x) === before.name));
-  if (!one || one === document.activeElement) return;
-  one.focus({ preventScroll: true });
-  if (before.marked) one.setSelectionRange(...before.marked);
-}
-
-// The page as it is now. Pictures whose data are the same stay as they are drawn; so do the focus,
-// what is unfolded, and what was typed but not sent.
+// The page as it is now.
 async function refresh() {
   if (refreshing) { again = true; return refreshing; }
   document.body.dataset.busy = "yes";
@@ -115,26 +126,12 @@ async function refresh() {
 }
 
 function swap(page) {
-  const focus = focused(), typed = unsent();
-  const open = new Map([...document.querySelectorAll("details[id][data-touched]")].map((one) => [one.id, one.open]));
+  const untyped = fieldsOf(byId("step")).filter((one) => !unsent(one));
   for (const name of ["steps", "step"]) {
-    const old = byId(name), fresh = page.getElementById(name);
-    if (!fresh) continue;
-    const kept = new Map([...old.querySelectorAll("[data-keep]")].map((one) => [one.dataset.keep, one]));
-    fresh.querySelectorAll("[data-keep]").forEach((one) => {
-      const before = kept.get(one.dataset.keep);
-      if (!before) return;
-      const fresh = one.querySelector("[data-motion]"), place = before.querySelector("[data-motion]");
-      if (fresh && place) place.dataset.motion = fresh.dataset.motion;
-      one.replaceWith(before);
-    });
-    old.replaceWith(document.adoptNode(fresh));
+    const fresh = page.getElementById(name);
+    if (fresh) become(byId(name), fresh);
   }
-  open.forEach((state, id) => {
-    if (byId(id)) { byId(id).open = state; byId(id).dataset.touched = "yes"; }
-  });
-  retype(typed);
-  focusAgain(focus);
+  untyped.forEach(reset);
   begin();
 }
 
@@ -147,7 +144,7 @@ function markBusy(sending) {
 
 function begin() {
   markBusy(false);
-  document.querySelectorAll("#step table").forEach((one) => { if (one.dataset.sort) makeSortable(one); });
+  document.querySelectorAll("#step table:not(:has(th .sort))").forEach(makeSortable);
   // words are painted first, then pictures are drawn
   requestAnimationFrame(() => setTimeout(() => window.dispatchEvent(new Event("content")), 0));
 }
@@ -202,9 +199,7 @@ document.addEventListener("submit", async (event) => {
   if (event.submitter && event.submitter.name) values[event.submitter.name] = event.submitter.value;
   const asked = event.submitter && event.submitter.getAttribute("formaction");
   if (await post(asked || form.dataset.post, values)) {
-    document.querySelectorAll("form[data-post]").forEach((one) => {  // a refresh may have replaced it
-      if (one.dataset.post === form.dataset.post) one.dataset.sent = "yes";
-    });
+    form.dataset.sent = "yes";
     await refresh();
   }
   markBusy(false);
