@@ -29,7 +29,7 @@ CLICK = """async log => {
   const start = performance.now();
   await new Promise(done => {
     const seen = new MutationObserver(() => { if (button().disabled) done(); });
-    seen.observe(document.body, { childList: true, subtree: true });
+    seen.observe(document.body, { attributes: true, childList: true, subtree: true });
     button().click();
   });
   return performance.now() - start;

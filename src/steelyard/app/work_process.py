@@ -12,6 +12,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Mapping
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from steelyard.base.errors import SteelyardError
 from steelyard.base.files import remove_unfinished, whole_file
 from steelyard.base.progress import Event, Progress, Stopped
 
-BEHIND_PAGES = 5  # by how much the priority is less than that of server and browser
+BEHIND_PAGES = 10  # by how much the priority is less than that of server and browser
 LONGEST_WORDS = 2000  # letters of an error, which may quote a file
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -31,6 +32,8 @@ def main() -> None:
     said = json.loads(sys.stdin.buffer.readline())
     if sys.platform != "win32":
         os.nice(BEHIND_PAGES)
+    with suppress(OSError):  # Linux: between sessions, each of which may be a group of its own
+        Path("/proc/self/autogroup").write_text(str(BEHIND_PAGES))
     events = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what libraries print is no event
     stop = threading.Event()

@@ -96,18 +96,25 @@ class Workspace:
 
     def files(self, kind: str, suffixes: Iterable[str]) -> tuple[str, ...]:
         """Names of the files of a folder, those below it included, in order."""
-        top, found = self.folder / kind, list[str]()
-        for folder, folders, names in os.walk(top):
+        found = list[str]()
+        for folder, folders, names in os.walk(self.folder / kind if self._inside(kind) else ""):
             folders[:] = [name for name in folders if not name.startswith(".")]
+            here = Path(folder).relative_to(self.folder).as_posix()
             for name in names:
-                path = Path(folder) / name
-                if not name.startswith(".") and path.suffix.lower() in suffixes:
-                    found.append(path.relative_to(self.folder).as_posix())
-        return tuple(name for name in sorted(found) if self._inside(name))
+                if not name.startswith(".") and Path(name).suffix.lower() in suffixes:
+                    found.append(f"{here}/{name}")
+        return tuple(
+            name
+            for name in sorted(found)
+            if self._inside(name) and os.path.isfile(self.folder / name)
+        )
 
     def _inside(self, name: str) -> bool:
+        """Whether something is there and in the folder; what is walked to is, but for links."""
+        if "\\" not in name and not os.path.islink(self.folder / name):
+            return True
         try:
-            return self.path(name).is_file()
+            return self.path(name).exists()
         except OutputError:
             return False
 

@@ -69,9 +69,10 @@ function reset(one) {
 
 // What an element is, whatever it shows: a click on it does the same. Boxes to tick go by their values.
 function keyOf(one) {
-  if (one.nodeType !== Node.ELEMENT_NODE) return one.nodeName;
+  if (one.nodeName === "OPTION") return `OPTION ${one.value}`;
+  if (one.nodeType !== Node.ELEMENT_NODE || !one.hasAttributes()) return one.nodeName;
   const name = one.getAttribute("name") || "";
-  const value = ticked(one) || one.matches("button, option") ? one.value : "";
+  const value = ticked(one) || one.matches("button") ? one.value : "";
   const rest = ["id", "href", "src", "formaction", "aria-labelledby", "data-post", "data-keep"];
   return [one.nodeName, ticked(one) ? name.replace(/\d+$/, "") : name, value, ...rest.map((what) => one.getAttribute(what))].join(" ");
 }
@@ -109,19 +110,23 @@ function become(old, next) {
   }
 }
 
-// The page as it is now.
-async function refresh() {
-  if (refreshing) { again = true; return refreshing; }
+// The page as it is now; `anew` does not wait for an answer that was asked for earlier.
+async function refresh(anew = false) {
+  if (refreshing && !anew) { again = true; return refreshing; }
+  again = false;
   document.body.dataset.busy = "yes";
-  refreshing = (async () => {
+  const mine = refreshing = (async () => {
     const answer = await fetch(location.pathname).catch(() => null);
+    const text = answer && await answer.text();
+    if (refreshing !== mine) return;
     if (!answer) say(GONE);
-    else if (!answer.ok) say(await answer.text());
-    else swap(new DOMParser().parseFromString(await answer.text(), "text/html"));
+    else if (!answer.ok) say(text);
+    else swap(new DOMParser().parseFromString(text, "text/html"));
   })();
-  await refreshing;
+  await mine;
+  if (refreshing !== mine) return refreshing;
   refreshing = null;
-  if (again) { again = false; return refresh(); }
+  if (again) return refresh();
   markBusy(false);
 }
 
@@ -200,7 +205,7 @@ document.addEventListener("submit", async (event) => {
   const asked = event.submitter && event.submitter.getAttribute("formaction");
   if (await post(asked || form.dataset.post, values)) {
     form.dataset.sent = "yes";
-    await refresh();
+    await refresh(true);
   }
   markBusy(false);
 });

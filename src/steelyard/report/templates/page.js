@@ -288,8 +288,12 @@ function drawPictures() {
   }
 
   const drawAll = () => document.querySelectorAll(".picture").forEach(draw);
+  // one after the other, so that a click between two of them is answered
+  const drawInTurn = () => document.querySelectorAll(".picture:not([data-drawn])").forEach(
+    (one) => setTimeout(() => { if (one.isConnected) draw(one); }, 0),
+  );
   document.addEventListener("toggle", drawAll, true);
-  window.addEventListener("content", drawAll);
+  window.addEventListener("content", drawInTurn);
   window.addEventListener("theme", () => {
     document.querySelectorAll(".picture").forEach((one) => { delete one.dataset.drawn; });
     drawAll();
