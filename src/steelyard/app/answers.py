@@ -311,7 +311,7 @@ async def _store(request: Request, path: Path) -> None:
                     raise DataError(
                         "more was sent than announced", where=path.name, fix="send it again"
                     )
-                file.write(piece)
+                await asyncio.to_thread(file.write, piece)  # a disk that is slow holds no page up
         if got < size and length:
             raise DataError("the file came in part only", where=path.name, fix="send it again")
         part.replace(path)
