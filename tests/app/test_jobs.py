@@ -12,7 +12,7 @@ from app.guided import Server, serving
 from steelyard.app import jobs
 from steelyard.app.work_process import finish
 from steelyard.app.workspace import opened
-from steelyard.base.errors import DataError
+from steelyard.base.errors import DataError, OutputError
 from steelyard.base.progress import Event, Progress, report_progress, silent
 
 
@@ -144,6 +144,23 @@ def test_an_occupied_port_is_refused(checked: Path) -> None:
     from steelyard.cli.app import app
 
     with serving(checked) as server:
-        words = ["app", str(checked), "--no-browser", "--port", str(server.port)]
+        words = ["app", f"{checked}-2", "--no-browser", "--port", str(server.port)]
         done = CliRunner().invoke(app, words)
         assert done.exit_code == 2 and f"port {server.port} cannot be used" in done.output
+
+
+@pytest.mark.slow
+def test_a_folder_that_is_open_is_not_opened_again(tmp_path: Path) -> None:
+    pytest.importorskip("starlette")
+    from steelyard.app.server import PORT, serve
+
+    def again() -> None:
+        serve(tmp_path, 0, False, lambda _: None, lambda: True)
+
+    with serving(tmp_path) as server:
+        with pytest.raises(OutputError, match=f"open in another app.*:{server.port}"):
+            again()
+    again()
+    for text in ("no port", "1", "99999999"):  # of no app
+        (tmp_path / ".derived" / PORT).write_text(text)
+        again()

@@ -11,10 +11,12 @@ import pytest
 from typer.testing import CliRunner
 
 from app.guided import Finished
-from steelyard.app.step_check import check_work, passed, reason_of
+from steelyard.app.step import clicked
+from steelyard.app.step_check import STEP as CHECK
+from steelyard.app.step_check import _name, check_work, passed, reason_of
 from steelyard.app.step_identify import STEP as IDENTIFY
 from steelyard.app.step_logs import STEP as LOGS
-from steelyard.app.step_logs import columns_work, preview_work
+from steelyard.app.step_logs import columns_work, preview_work, roles
 from steelyard.app.step_robot import scene_of
 from steelyard.app.work_check import _edits, picture_of
 from steelyard.app.work_process import finish
@@ -140,8 +142,7 @@ def test_the_next_step_opens_when_nothing_wrong_is_left(ready: Finished) -> None
     wrong = [one for one in found["findings"] if one["severity"] == 2]
     assert wrong and all(one["picture"] for one in wrong)
     assert not passed(ready)
-    name = f"{wrong[0]['check']} | {wrong[0]['log']}"
-    ready.act("check", "accept", finding=name)
+    ready.act("check", "accept", finding=_name(wrong[0]))
     assert signals(ready)["position"] == ["q1", "q2", "q3"]
     assert passed(ready) and not IDENTIFY.locked(ready)
     page = ready.page("check")
@@ -173,6 +174,67 @@ def test_a_model_is_that_of_the_command(ready: Finished) -> None:
     assert done.exit_code == 0, done.output
     for name in ("model.json", "parameters.csv", "report.html"):
         assert Path("other", name).read_bytes() == Path("models/model-1", name).read_bytes()
+
+
+def test_a_fit_of_which_nothing_is_kept_says_so(ready: Finished) -> None:
+    ready.act("check", "run")
+    ready.workspace.choose(fit="models/model-1")
+    assert "nothing of it is kept" in ready.page("identify")
+    ready.act("identify", "run")
+    assert "nothing of it is kept" not in ready.page("identify")
+
+
+def test_each_log_has_its_role(ready: Finished, arm: Path) -> None:
+    names = [f"logs/{letter}.csv" for letter in "abcd"]
+    log = pl.read_csv(arm / "b.csv")
+    half = len(log) // 2
+    for name, start in zip(names[2:], (0, half), strict=True):
+        log.slice(start, half).write_csv(name)
+    assert [*roles(ready).values()] == ["fit", "fit", "fit", "validate"]
+    for name, role in zip(names, ("validate", "out", "loaded", "fit"), strict=True):
+        ready.act("logs", "role", log=name, role=role)
+    assert check_work(ready).given["logs"] == [names[0], names[3]]
+    assert "Mass that the loaded logs carry" in ready.page("logs")
+    ready.act("logs", "payload", mass="2.5")
+    for mass in ("-1", "nan", "much", "inf"):
+        with pytest.raises(DataError, match="positive number"):
+            ready.act("logs", "payload", mass=mass)
+    ready.act("check", "run")
+    ready.act("identify", "run")
+    page = ready.page("identify")
+    assert "no drive gain is to be identified" in page, "as the command says of these two"
+    assert "--loaded" not in page and "“carries a known mass”, step 2" in page
+    work = ready.jobs.begun[-1]  # type: ignore[attr-defined]
+    assert work.given["logs"] == [names[3]] and work.given["validate"] == [names[0]]
+    assert work.given["loaded"] == [names[2]] and work.given["payload_mass"] == 2.5
+    ready.act("logs", "role", log=names[2], role="fit")
+    ready.act("check", "run")
+    ready.act("identify", "run")
+    known = json.loads(Path("models/model-1/model.json").read_text())["provenance"]
+    assert known["runs"] == ["c", "d"]
+    for name in (names[2], names[3]):
+        ready.act("logs", "role", log=name, role="out")
+    assert "choose a log that fits" in CHECK.locked(ready) and not passed(ready)
+
+
+def test_a_check_compares_with_a_model(ready: Finished) -> None:
+    ready.act("check", "run")
+    ready.act("identify", "run")
+    ready.act("check", "model", model="models/model-1")
+    assert not passed(ready), "it is another check"
+    ready.act("check", "run")
+    assert passed(ready)
+    done = CliRunner().invoke(app, ["check", "robot.toml", "logs/a.csv", "logs/b.csv", "--json",
+                                    "--model", "models/model-1"])  # fmt: skip
+    told = json.loads(Path("reports/check.json").read_text())
+    assert json.loads(done.output) == {**told, "output": None}
+
+
+def test_options_of_commands_are_named_by_what_to_click() -> None:
+    assert clicked("give --model (or --loaded)") == (
+        "give “compared with”, step 3 (or “carries a known mass”, step 2)"
+    )
+    assert clicked("run `steelyard check --model M`") == "run `steelyard check --model M`"
 
 
 def test_models_are_compared_on_the_log_that_validates(ready: Finished) -> None:
@@ -213,7 +275,8 @@ def test_a_robot_file_that_cannot_be_read_says_so(ready: Finished, text: str) ->
 
 def test_forms_that_lack_fields_are_refused(ready: Finished) -> None:
     for step, action in (("robot", "choose"), ("robot", "table"), ("logs", "show"), ("logs", "set"),
-                         ("logs", "remove"), ("logs", "validate"), ("check", "accept"),
+                         ("logs", "remove"), ("logs", "role"), ("logs", "payload"),
+                         ("check", "accept"), ("check", "model"),
                          ("check", "go-on"),
                          ("identify", "show"), ("identify", "compare")):  # fmt: skip
         for form in ({}, {"log": 3}, {"log": "../x", "model": "x", "finding": "x", "first": []}):
@@ -258,7 +321,7 @@ def test_findings_with_the_same_lines_are_accepted_once_and_open_checks_listed(
     assert "The same change for the 2 findings above" in page
     assert page.count("Leave as it is") == 4
     assert "1 check left open" in page and "without fault" not in page
-    ready.act("check", "leave", finding="other | b")
+    ready.act("check", "leave", finding=_name(wrong | {"check": "other", "log": "b"}))
     page = ready.page("check")
     assert page.count("Accept: write") == 2 and "The same change" not in page
 

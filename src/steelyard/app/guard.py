@@ -26,6 +26,13 @@ HEADERS = {
 """Of every answer; an answer that has one of them already keeps its own."""
 
 
+NEEDS_TOKEN = (
+    "Open the address that `steelyard app` printed, with its token. It works once; "
+    "for another browser start the app again."
+)
+"""The answer to who has no session."""
+
+
 @dataclass(eq=False)
 class Guard:
     """Passes on what may be asked, and refuses all else, WebSockets included.
@@ -61,11 +68,7 @@ class Guard:
         given = query.get("token", [""])[0]
         opens = scope["path"] == "/" and scope["method"] == "GET" and not self.used
         if not (opens and hmac.compare_digest(given.encode(), self.token.encode())):
-            return await _refuse(
-                send,
-                "Open the address that `steelyard app` printed, with its token. It works once; "
-                "for another browser start the app again.",
-            )
+            return await _refuse(send, NEEDS_TOKEN)
         self.used = True
         value = f"{self.cookie}={self.session}; Path=/; HttpOnly; SameSite=Strict"
         headers = [(b"location", b"/"), (b"set-cookie", value.encode())]

@@ -4,15 +4,18 @@ import socket
 import webbrowser
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from http.client import HTTPConnection, HTTPException
 from pathlib import Path
 
-from steelyard.app.guard import Guard
+from steelyard.app.guard import NEEDS_TOKEN, Guard
 from steelyard.app.jobs import Jobs
 from steelyard.app.step import Desk
-from steelyard.app.workspace import opened
+from steelyard.app.workspace import DERIVED, opened
 from steelyard.base.errors import OutputError, require
 
 HOST = "127.0.0.1"
+PORT = "port"  # file in the folder of results: of the app that was started last
+ANSWER_S = 2.0  # that another app may take to answer [s]
 
 
 def serve(
@@ -47,10 +50,12 @@ def serve(
         def end(self) -> None:
             self.should_exit = True
 
+    _refuse_second(folder, where)
     workspace = opened(folder)
     answers = Answers(Desk(workspace, Jobs(workspace)))
     listening = _listening(port)
     port = listening.getsockname()[1]
+    (workspace.folder / DERIVED / PORT).write_text(str(port), encoding="utf-8")
     guard = Guard(answers.application(stop, lambda: server.end()), port)
     address = f"http://{HOST}:{port}/?token={guard.token}"
     say(address)
@@ -62,6 +67,28 @@ def serve(
     if browser:
         webbrowser.open(address)
     server.run(sockets=[listening])
+
+
+def _refuse_second(folder: Path, where: str) -> None:
+    """An app that runs on the folder already would lose what it is at by another one's start.
+
+    Raises:
+        OutputError: There is one, as it answers at the port that it noted.
+    """
+    try:
+        port = int((folder / DERIVED / PORT).read_text(encoding="utf-8"))
+        connection = HTTPConnection(HOST, port, timeout=ANSWER_S)
+        connection.request("GET", "/")
+        answer = connection.getresponse().read(len(NEEDS_TOKEN))
+        connection.close()
+    except (OSError, ValueError, HTTPException):
+        return
+    if answer == NEEDS_TOKEN.encode():
+        raise OutputError(
+            f"the folder is open in another app, at http://{HOST}:{port}",
+            where=where,
+            fix="use its page, end it (Ctrl-C), or name another folder",
+        )
 
 
 def _listening(port: int) -> socket.socket:

@@ -1,6 +1,7 @@
 """A step of the app: what its page shows, what its forms do, and what both may use."""
 
 import json
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
@@ -25,6 +26,14 @@ THREE = Path(__file__).parent / "three" / "three.min.js.gz"
 """The parts that the scene uses, compressed; `tools/update_browser_script.py` replaces it."""
 
 Values = Mapping[str, Any]  # fields of a form, as JSON values
+CLICKED = {
+    "--loaded": "“carries a known mass”, step 2",
+    "--payload-mass": "its mass, step 2",
+    "--model": "“compared with”, step 3",
+    "--no-check": "“go on all the same”, step 3",
+}
+"""Where on the pages an option of the commands is."""
+
 OPEN = ""  # why a step is locked, where it is not
 
 
@@ -132,11 +141,17 @@ def _read(path: Path, written: int) -> Mapping[str, Any]:
         return {}
 
 
+def clicked(text: str) -> str:
+    """Words with what to click in place of options of commands, but not inside `a command`."""
+    return re.sub(rf"`[^`]*`|{'|'.join(CLICKED)}", lambda m: CLICKED.get(m[0], m[0]), text)
+
+
 @cache
 def _environment() -> "Environment":
     environment = templates_of(TEMPLATES, autoescape=True)
     environment.filters |= {"significant": words.significant, "json": script_json}
     environment.filters["figure"] = lambda text: script_json(json.loads(text))
+    environment.filters["clicked"] = clicked
     environment.globals |= {"count": words.count, "file_kinds": KINDS}
     return environment
 

@@ -6,8 +6,8 @@ from pathlib import PurePosixPath
 from typing import Any
 
 from steelyard.app.jobs import Work
-from steelyard.app.step import OPEN, Desk, Outcome, Step, Values, text_of
-from steelyard.app.step_logs import preview_work
+from steelyard.app.step import OPEN, Desk, Outcome, Step, Values, one_of, text_of
+from steelyard.app.step_logs import logs_that, preview_work
 from steelyard.app.workspace import REPORTS
 from steelyard.base.errors import DataError
 from steelyard.check.finding import OPEN_WORD
@@ -20,9 +20,11 @@ LEAST_REASON = 5  # letters of a reason to go on all the same
 def check_work(desk: Desk) -> Work:
     """The check of all logs."""
     workspace = desk.workspace
-    robot, logs = workspace.robot_file.name, workspace.logs
-    given = {"robot": robot, "logs": list(logs), "report": REPORTS}
-    files = (robot, *logs, *workspace.model_files)
+    robot, logs = workspace.robot_file.name, logs_that(desk, "fit", "validate")
+    chosen = workspace.choices.get("check_model")
+    model = chosen if chosen in workspace.models else None
+    given = {"robot": robot, "logs": logs, "model": model, "report": REPORTS}
+    files = (robot, *logs, *workspace.model_files, *([f"{model}/model.json"] if model else []))
     return Work("steelyard.app.work_check:findings", given, files, "checking the logs", long=True)
 
 
@@ -36,7 +38,7 @@ def reason_of(desk: Desk) -> str:
 
 def passed(desk: Desk) -> bool:
     """Whether the next step is open: nothing wrong is left, or there is a reason to go on."""
-    if not desk.workspace.logs or desk.workspace.robot_text is None:
+    if _locked(desk):
         return False
     found = desk.look(check_work(desk)).result
     clean = found is not None and not any(one["severity"] >= WRONG for one in found["findings"])
@@ -46,7 +48,9 @@ def passed(desk: Desk) -> bool:
 def _locked(desk: Desk) -> str:
     if desk.workspace.robot_text is None:
         return "First give the robot, in step 1."
-    return OPEN if desk.workspace.logs else "First drop logs, in step 2."
+    if not desk.workspace.logs:
+        return "First drop logs, in step 2."
+    return OPEN if logs_that(desk, "fit") else "First choose a log that fits the model, in step 2."
 
 
 def _numbers(desk: Desk) -> Values:
@@ -69,6 +73,8 @@ def _numbers(desk: Desk) -> Values:
         "log_of": lambda finding: _log_of(desk, finding),
         "name": _name,
         "least": LEAST_REASON,
+        "models": desk.workspace.models,
+        "reference": check_work(desk).given["model"],
     }
 
 
@@ -82,12 +88,12 @@ def _by_change(findings: Iterable[Any]) -> list[list[Any]]:
 
 
 def _name(finding: Any) -> str:
-    return f"{finding['check']} | {finding['log']}"
+    return " | ".join(finding[name] for name in ("check", "log", "place"))
 
 
 def _log_of(desk: Desk, finding: Any) -> str:
     """The log that a finding is about; the first one if it is about all."""
-    logs = desk.workspace.logs
+    logs: list[str] = check_work(desk).given["logs"]
     return next((log for log in logs if finding["log"] == PurePosixPath(log).stem), logs[0])
 
 
@@ -107,6 +113,11 @@ def _put_right(desk: Desk, now: list[Any]) -> list[tuple[Any, Any]]:
     return [
         (old, new) for old, new in pairs if new is not None and new["severity"] < old["severity"]
     ]
+
+
+def _model(desk: Desk, form: Values) -> None:
+    model = one_of(form, "model", ("", *desk.workspace.models))
+    desk.workspace.choose(check_model=model or None)
 
 
 def _run(desk: Desk, form: Values) -> None:
@@ -167,5 +178,5 @@ STEP = Step(
     "Check",
     _numbers,
     _locked,
-    {"run": _run, "accept": _accept, "leave": _leave, "go-on": _go_on},
+    {"run": _run, "model": _model, "accept": _accept, "leave": _leave, "go-on": _go_on},
 )

@@ -3,7 +3,7 @@
 from steelyard.app.jobs import Work
 from steelyard.app.step import OPEN, Desk, Step, Values, one_of
 from steelyard.app.step_check import passed, reason_of
-from steelyard.app.step_logs import validating
+from steelyard.app.step_logs import logs_that, payload_mass
 from steelyard.app.workspace import MODELS, REPORTS
 from steelyard.base.errors import DataError
 
@@ -12,12 +12,13 @@ FIT = "steelyard.app.work_identify:identify"
 
 def _work(desk: Desk, folder: str) -> Work:
     workspace = desk.workspace
-    robot, unseen = workspace.robot_file.name, validating(desk)
-    known = [log for log in workspace.logs if log != unseen]
+    robot, loaded = workspace.robot_file.name, logs_that(desk, "loaded")
     given = {
         "robot": robot,
-        "logs": known,
-        "validate": [] if unseen is None else [unseen],
+        "logs": logs_that(desk, "fit"),
+        "validate": logs_that(desk, "validate"),
+        "loaded": loaded,
+        "payload_mass": payload_mass(desk) if loaded else None,
         "folder": folder,
         "reason": reason_of(desk),
     }
@@ -27,12 +28,12 @@ def _work(desk: Desk, folder: str) -> Work:
 
 def _comparison(desk: Desk) -> Work | None:
     chosen = desk.workspace.choices.get("compare")
-    known, unseen = desk.workspace.models, validating(desk)
-    if not isinstance(chosen, list) or unseen is None or not set(chosen) <= {*known}:
+    known, unseen = desk.workspace.models, logs_that(desk, "validate")
+    if not isinstance(chosen, list) or not unseen or not set(chosen) <= {*known}:
         return None
     folder = f"{REPORTS}/compare-{'-'.join(name.rsplit('/', 1)[-1] for name in chosen)}"
-    given = {"models": chosen, "logs": [unseen], "folder": folder}
-    files = (*(f"{name}/model.json" for name in chosen), unseen)
+    given = {"models": chosen, "logs": unseen, "folder": folder}
+    files = (*(f"{name}/model.json" for name in chosen), *unseen)
     return Work("steelyard.app.work_identify:compare", given, files, "comparing models", long=True)
 
 
@@ -53,8 +54,10 @@ def _numbers(desk: Desk) -> Values:
         "shown": shown if shown in models else next(iter(models), None),
         "fit": fit,
         "running": fit is not None and fit.job is not None,
-        "unseen": validating(desk),
-        "known": [log for log in workspace.logs if log != validating(desk)],
+        "interrupted": fit is not None and not (fit.job or fit.error or folder in models),
+        "unseen": logs_that(desk, "validate"),
+        "known": logs_that(desk, "fit"),
+        "loaded": logs_that(desk, "loaded"),
         "reason": reason_of(desk),
         "comparison": None if comparison is None else desk.look(comparison),
     }

@@ -1,10 +1,11 @@
 """Step 2, the logs: which column is what, its unit and sign; curves beside the arm that moves."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from steelyard.app.jobs import Work
-from steelyard.app.step import OPEN, Desk, Step, Values, one_of
+from steelyard.app.step import OPEN, Desk, Step, Values, one_of, text_of
 from steelyard.app.step_robot import init_of, propose, scene_of
 from steelyard.base.errors import DataError
 from steelyard.robot.file.signals import EFFORT_UNITS, POSITION_UNITS, TIME_UNITS, expanded
@@ -21,6 +22,15 @@ KINDS = {
 """Kinds of effort as the robot file names them, in words."""
 
 
+ROLES = {
+    "fit": "fits the model",
+    "validate": "validates it",
+    "loaded": "carries a known mass",
+    "out": "is left out",
+}
+"""What a log is for, in words."""
+
+
 def columns_work(log: str) -> Work:
     """Names of the columns of a log."""
     return Work("steelyard.app.work_logs:columns", {"log": log}, (log,), f"opening {log}")
@@ -35,12 +45,22 @@ def preview_work(desk: Desk, log: str) -> Work:
     )
 
 
-def validating(desk: Desk) -> str | None:
-    """The log that validates: the chosen one, or the last of several."""
-    logs, chosen = desk.workspace.logs, desk.workspace.choices.get("validate")
-    if chosen in logs or chosen == "":
-        return chosen or None
-    return logs[-1] if len(logs) > 1 else None
+def roles(desk: Desk) -> dict[str, str]:
+    """What each log is for; if nothing was chosen, the last of several validates."""
+    logs, chosen = desk.workspace.logs, desk.workspace.choices.get("roles", {})
+    last = {logs[-1]: "validate"} if len(logs) > 1 and "validate" not in chosen.values() else {}
+    return {log: {**last, **chosen}.get(log, "fit") for log in logs}
+
+
+def logs_that(desk: Desk, *which: str) -> list[str]:
+    """The logs with one of some roles."""
+    return [log for log, role in roles(desk).items() if role in which]
+
+
+def payload_mass(desk: Desk) -> float | None:
+    """Mass of what logs that are loaded carry [kg]; `None` if it is not given."""
+    found = desk.workspace.choices.get("payload_mass")
+    return float(found) if isinstance(found, int | float) else None
 
 
 def _locked(desk: Desk) -> str:
@@ -56,7 +76,9 @@ def _numbers(desk: Desk) -> Values:
     return {
         "logs": logs,
         "shown": shown,
-        "validating": validating(desk),
+        "roles": roles(desk),
+        "role_words": ROLES,
+        "payload_mass": payload_mass(desk),
         "scene": scene,
         "init": init_of(desk),
         "model": workspace.choices.get("model"),
@@ -161,8 +183,20 @@ def _show(desk: Desk, form: Values) -> None:
     desk.workspace.choose(shown=one_of(form, "log", desk.workspace.logs))
 
 
-def _validate(desk: Desk, form: Values) -> None:
-    desk.workspace.choose(validate=one_of(form, "log", ("", *desk.workspace.logs)))
+def _role(desk: Desk, form: Values) -> None:
+    log, role = one_of(form, "log", desk.workspace.logs), one_of(form, "role", [*ROLES])
+    desk.workspace.choose(roles={**desk.workspace.choices.get("roles", {}), log: role})
+
+
+def _payload(desk: Desk, form: Values) -> None:
+    text = text_of(form, "mass")
+    try:
+        mass = float(text) if text else None
+    except ValueError:
+        mass = math.nan
+    if mass is not None and not 0.0 < mass < math.inf:
+        raise DataError("the mass is no positive number", where="mass", fix="give it in kg")
+    desk.workspace.choose(payload_mass=mass)
 
 
 def _remove(desk: Desk, form: Values) -> None:
@@ -224,7 +258,8 @@ STEP = Step(
         "added": _added,
         "propose": _propose,
         "show": _show,
-        "validate": _validate,
+        "role": _role,
+        "payload": _payload,
         "remove": _remove,
         "set": _set,
     },

@@ -16,9 +16,11 @@ from steelyard.report.words import significant
 from steelyard.robot.file.toml_edits import lines_of
 
 
-def findings(robot: str, logs: Sequence[str], report: str, progress: Progress) -> dict[str, Any]:
-    """What `steelyard check ROBOT LOG...` finds; page and numbers are written as it does."""
-    found = check(robot, logs, progress=progress)
+def findings(
+    robot: str, logs: Sequence[str], model: str | None, report: str, progress: Progress
+) -> dict[str, Any]:
+    """What `steelyard check ROBOT LOG... --model MODEL` finds, page and numbers as it writes."""
+    found = check(robot, logs, model, progress=progress)
     diagnosis = found.last
     page = Path(report)
     for name, text in (("check.html", found.report()), ("check.json", _json(found.to_dict()))):

@@ -18,6 +18,8 @@ def identify(
     robot: str,
     logs: Sequence[str],
     validate: Sequence[str],
+    loaded: Sequence[str],
+    payload_mass: float | None,
     folder: str,
     reason: str,
     progress: Progress,
@@ -27,18 +29,15 @@ def identify(
     With a `reason` to go on though something is wrong, which becomes a note of the model and its
     report, the logs are not checked before.
     """
+    more: dict[str, Any] = {"loaded": loaded, "payload_mass": payload_mass, "progress": progress}
     if reason:
-        loaded = load_robot(robot)
+        known = load_robot(robot)
         note = f"the check found something wrong in the logs, and it was left so: {reason}"
         found = identified(
-            replace(loaded, notes=(*loaded.notes, note)),
-            logs,
-            validate,
-            check=False,
-            progress=progress,
+            replace(known, notes=(*known.notes, note)), logs, validate, check=False, **more
         )
     else:
-        found = identified(robot, logs, validate, progress=progress)
+        found = identified(robot, logs, validate, **more)
     _written(found, folder)
     return {"folder": folder, "level": found.verdict.level, "line": found.verdict.line}
 

@@ -21,7 +21,7 @@ from steelyard.base.errors import SteelyardError
 from steelyard.base.files import remove_unfinished, whole_file
 from steelyard.base.progress import Event, Progress, Stopped
 
-BEHIND_PAGES = 10  # by how much the priority is less than that of server and browser
+BEHIND_PAGES = 5  # by how much the priority is less than that of server and browser
 LONGEST_WORDS = 2000  # letters of an error, which may quote a file
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
