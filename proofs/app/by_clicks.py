@@ -117,6 +117,7 @@ def _put_right(folder: Path, data: Path) -> list[Claim]:
         plain.with_columns(**q).select(kept).write_csv(given / f"{run}.csv")
     with serving(workspace) as server, visiting(server.address) as visitor:
         _drop(visitor, given)
+        visitor.page.wait_for_function("!document.querySelector('.picture:not([data-drawn])')")
         shown = visitor.page.locator(".finding").count()
         drawn = visitor.page.locator(".finding .picture:has(.main-svg)").count()
         accept = visitor.page.get_by_role("button", name="Accept")
