@@ -74,16 +74,10 @@ class InformationEvaluator:
 
     def at(self, q: Array, dq: Array, ddq: Array, *, step: float = 1.0) -> SampledInformation:
         """Information of samples `(n, N)`, each `step` times; none where a loop cannot close."""
-        scan = self.model.scan(drop=True)
-        channels = scan(q, dq, ddq)
-        if not scan.closed.all():
-            nothing = np.zeros((len(self.base), len(self.base)))
-            return SampledInformation([], np.empty((0, q.shape[1])), step, nothing)
-        inputs = [q, dq, ddq, channels, self.widths]
-        entries = self._entries(inputs)
+        inputs, entries = self.entries_at(q, dq, ddq)
         gram = np.zeros((len(self.base), len(self.base)))
         for block, (rows, square, weight) in zip(self._blocks(entries), self._places, strict=True):
-            if len(rows):
+            if len(rows) and inputs:
                 gram[square] += (step * weight * block) @ block.T
         return SampledInformation(inputs, entries, step, gram)
 
@@ -93,14 +87,27 @@ class InformationEvaluator:
         blocks = zip(self._blocks(seeds), self._blocks(seen.entries), self._places, strict=True)
         for seed, block, (_, square, weight) in blocks:
             seed[:] = (2.0 * seen.step * weight * slope[square]) @ block
+        by_q, by_dq, by_ddq, by_channels = self.slopes_of_entries(seen, seeds)
         n = self.model.robot.n
-        slopes = self._slopes([*seen.inputs, seeds])
-        by_q, by_dq, by_ddq, by_channels = np.split(slopes, [n, 2 * n, 3 * n])
         if self._passive_map is not None:
             ways = self._passive_map([seen.inputs[_Q], seen.inputs[_CHANNELS]])
             ways = ways.reshape(len(by_channels), n, -1)
             by_q = by_q + np.einsum("pkt,pt->kt", ways, by_channels)
         return by_q, by_dq, by_ddq
+
+    def entries_at(self, q: Array, dq: Array, ddq: Array) -> tuple[list[Array], Array]:
+        """What entries of the regressor are computed from, and these; none if a loop is open."""
+        scan = self.model.scan(drop=True)
+        channels = scan(q, dq, ddq)
+        if not scan.closed.all():
+            return [], np.zeros((sum(map(len, self.sees)), q.shape[1]))
+        inputs = [q, dq, ddq, channels, self.widths]
+        return inputs, self._entries(inputs)
+
+    def slopes_of_entries(self, seen: SampledInformation, seeds: Array) -> list[Array]:
+        """Derivatives of the sum of seeds times entries by `q`, `dq`, `ddq` and the channels."""
+        n = self.model.robot.n
+        return np.split(self._slopes([*seen.inputs, seeds]), [n, 2 * n, 3 * n])
 
     @cached_property
     def _entries(self) -> Code:

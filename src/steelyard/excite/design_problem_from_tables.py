@@ -44,6 +44,15 @@ from steelyard.excite.design_problem_and_information import (
     Problem,
 )
 from steelyard.excite.optimality_criteria import CRITERIA, measure
+from steelyard.excite.standing.forces_of_feet import NOT_ON_FEET, feet_forces
+from steelyard.excite.standing.information_on_feet import InformationOnFeet
+from steelyard.excite.standing.legs_follow_base import (
+    LegLimits,
+    Legs,
+    OnAllJoints,
+    limits_of_first,
+)
+from steelyard.excite.standing.standing_robot import tree_of
 from steelyard.excite.trajectories.motion_families import basis_of, per_joint
 from steelyard.model.equations.frame_and_point_kinematics import last_frame
 from steelyard.model.model import Model, ValuedModel
@@ -53,10 +62,11 @@ from steelyard.robot.file.excitation_sections import (
     ExcitationSection,
     LoadSection,
     MotionLimitsSection,
+    StanceSection,
 )
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
-from steelyard.robot.robot import Robot
+from steelyard.robot.robot import BASE_COORDINATES, Robot
 
 SHELL_INERTIA = 2.0 / 3.0  # of a hollow ball about its centre, over its mass and its radius squared
 
@@ -75,6 +85,8 @@ def constraints_of(
         ModelError: A frame or a shape is missing, or what must hold cannot be proven.
     """
     section = loaded.excitation
+    if section.stance is not None:
+        return _while_standing(loaded, section.stance)
     found, notes = list[Constraint](), list[str]()
     world = world_of(loaded)
     for part, part_notes in (
@@ -95,6 +107,30 @@ def constraints_of(
     if loaded.robot.passive:
         notes.append(Gap("loop closure is checked at samples, not proven between them"))
     return tuple(found), tuple(notes)
+
+
+def _while_standing(
+    loaded: LoadedRobot, stance: StanceSection
+) -> tuple[tuple[Constraint, ...], tuple[str, ...]]:
+    """The constraints of all joints of a robot that stands, whose legs follow its base."""
+    legs, section = Legs(loaded.robot), loaded.excitation
+    whole, world, n = replace(loaded, robot=legs.tree), world_of(loaded), loaded.robot.n
+    limits, efforts = limits_of(legs.tree, section.limits), section.limits.effort
+    own = np.array([joint.limits.effort for joint in legs.tree.coordinates])
+    given = None if efforts in ("robot", "any") else efforts
+    most = section.limits.share * per_joint(given, legs.tree, "effort", own)
+    most = np.full_like(most, np.inf) if efforts == "any" else most
+    found: list[Constraint] = [
+        LegLimits(legs.tree, limits, tuple(range(n, legs.tree.n))),
+        feet_forces(legs.tree, stance, loaded.robot.assembly, most[len(BASE_COORDINATES) :]),
+    ]
+    notes = [*limits.notes, NOT_ON_FEET]
+    if efforts == "any":
+        notes.append(Declined("torque is not limited, as specified"))
+    for part, part_notes in (workspace_of(whole, world), clearance_of(whole, world)):
+        found += part
+        notes += part_notes
+    return tuple(OnAllJoints(legs, one) for one in found), tuple(notes)
 
 
 def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> ConstraintsAndNotes:
@@ -257,7 +293,10 @@ def build(loaded: LoadedRobot, model: Model, earlier: Earlier | None = None) -> 
     """
     section = loaded.excitation
     basis = basis_of(section.motion, loaded.robot)
-    limits = limits_of(loaded.robot, section.limits)
+    if section.stance is None:
+        limits = limits_of(loaded.robot, section.limits)
+    else:
+        limits = limits_of_first(limits_of(tree_of(loaded.robot), section.limits), loaded.robot.n)
     constraints, more = constraints_of(loaded, model, earlier)
     model, notes = memoryless(model)
     return Problem(
@@ -344,8 +383,10 @@ def cases_of(
     wrong, where = f"there is no criterion '{wanted.kind}'", "[excitation.criterion] kind"
     refuse_unknown(wanted.kind, CRITERIA, wrong, where, "criteria", DataError)
     absent = absent_of(wanted, model, earlier)
-    weights = weights_of(wanted, model.robot, earlier)
-    shows = InformationEvaluator(model, weights, JUMP_SOFTNESS * limits.velocity, absent)
+    on_feet = section.stance is not None
+    weights = weights_of(wanted, tree_of(model.robot) if on_feet else model.robot, earlier)
+    kind = InformationEvaluator if not on_feet else InformationOnFeet
+    shows = kind(model, weights, JUMP_SOFTNESS * limits.velocity, absent)
     chosen = None if wanted.chosen is None else _chosen(wanted.chosen, model, shows.base)
     prior = None
     if wanted.after_earlier:

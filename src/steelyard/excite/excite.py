@@ -37,7 +37,12 @@ from steelyard.excite.page.design_page import render_design
 from steelyard.excite.page.design_text import DesignContent, design_headline, print_design, scopes
 from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.excite.searched_or_planned_motion import Designed, design, refuse_other_kind
-from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory, through_postures
+from steelyard.excite.standing.standing_robot import standing, tree_of
+from steelyard.excite.trajectories.exact_trajectories import (
+    ExactTrajectory,
+    PiecewiseMotion,
+    through_postures,
+)
 from steelyard.excite.trajectories.motion_families import FAMILIES, basis_of
 from steelyard.excite.trajectories.trajectory_files import read_motion, write_motion
 from steelyard.model.model import Model, model_with_open_friction, with_friction
@@ -275,24 +280,55 @@ def design_task(
     loaded = load_robot(robot, base=fixed_base)
     if earlier is not None:
         refuse_floating(loaded.robot, "the design of a motion beside an earlier log")
-    loaded, held = held_by_its_base(loaded)
+    stance, held = loaded.excitation.stance, None
+    if stance is None:
+        loaded, held = held_by_its_base(loaded)
     try:
         loaded = replace(loaded, excitation=changed_excitation(loaded.excitation, **tables))
     except ValueError as error:
         raise DataError(
             str(error), where="options of steelyard excite", fix="see steelyard excite --help"
         ) from None
+    if stance is None:
+        model = with_friction(model_with_open_friction(loaded), loaded)
+    else:
+        _refuse_controllers(formats)
+        loaded, model, held = standing(loaded, stance)
     known = None if earlier is None else identified_before(earlier, loaded)
-    model = with_friction(model_with_open_friction(loaded), loaded)
     if known is not None:
         model = Model(loaded.robot, known.model.terms)
     forms = ("csv", *formats)
     refuse_formats(loaded, forms, rate)
     before = None if known is None else earlier_of(known)
-    first = None if start is None else read_motion(Path(start), loaded.robot)
+    first = None if start is None else _read_start(Path(start), loaded)
     if first is not None:
         refuse_other_kind(first, loaded, str(start))
     return DesignTask((loaded, model, before), forms, rate, first, held)
+
+
+def _read_start(path: Path, loaded: LoadedRobot) -> ExactTrajectory:
+    """A motion to start from, of the robot's independent joints."""
+    robot = loaded.robot
+    if loaded.excitation.stance is None:
+        return read_motion(path, robot)
+    motion = read_motion(path, tree_of(robot))
+    if not isinstance(motion, PiecewiseMotion):
+        raise DataError(
+            "the motion to start from is none of a robot that stands",
+            where=str(path),
+            fix="give a trajectory.json that excite wrote of the same stance",
+        )
+    return PiecewiseMotion(motion.edges, motion.coefficients[:, :, : robot.n])
+
+
+def _refuse_controllers(formats: Sequence[str]) -> None:
+    """Motions on feet are tables: no program of a controller balances."""
+    if other := [form for form in formats if form != "csv"]:
+        raise DataError(
+            f"the motion of a robot that stands is not written as '{other[0]}'",
+            where="formats of steelyard excite",
+            fix="use the csv: it has all joints, and the base as q_base_x to q_base_rz",
+        )
 
 
 @checked(budget=0.0, rate=1.0, searches=1, processes=1, seed=0)

@@ -41,10 +41,11 @@ from steelyard.excite.search.parallel_search import (
 )
 from steelyard.excite.search.repair_until_proven import finished
 from steelyard.excite.search.search_methods import method_of
+from steelyard.excite.standing.whole_motion import loads_of_base, whole_motion
 from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
 from steelyard.excite.trajectories.motion_families import FAMILIES, basis_of, coefficients_of
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
-from steelyard.robot.robot import Robot, frame_origins
+from steelyard.robot.robot import BASE_COORDINATES, Robot, frame_origins
 
 ASSUMED_NOISE = 0.01  # assumed without an earlier log, over the joint's greatest effort
 ASSUMED_RATE = 20.0  # independent samples a second that are assumed with it
@@ -207,16 +208,24 @@ def _searched(
             converged, f"only {converged} searches converged"
         )
         hints = (f"{whole} in the time limit: a longer --budget finds better motions",)
+    trajectory, limits = best.trajectory, problem.limits
+    constraints, proven = problem.constraints, best.proven
+    if loaded.excitation.stance is not None:
+        stood = whole_motion(loaded, trajectory, constraints, proven)
+        tables = (stood.loaded, *tables[1:])
+        trajectory, limits = stood.trajectory, stood.limits
+        constraints, proven = stood.constraints, stood.proven
+        notes += stood.notes
     return _described(
         tables,
         begun,
-        best.trajectory,
+        trajectory,
         problem.cases,
-        problem.limits,
-        problem.constraints,
+        limits,
+        constraints,
         notes,
         hints,
-        best.proven,
+        proven,
         result,
     )
 
@@ -291,7 +300,8 @@ def _cell(loaded: LoadedRobot, trajectory: ExactTrajectory) -> tuple[str, ...]:
     q = trajectory.derivative(np.linspace(0.0, trajectory.duration, _HEIGHT_SAMPLES), 0)
     heights = frame_origins(robot, moving, q)[:, :, 2]
     lowest = int(heights.min(axis=0).argmin())
-    floor = "HEIGHT, in metres from the base's origin," if loaded.floats else "0.0"
+    raised = loaded.floats or loaded.excitation.stance is not None
+    floor = "HEIGHT, in metres from the base's origin," if raised else "0.0"
     return (
         Gap(
             "no floor or cell is defined for the links: the origin of "
@@ -306,11 +316,15 @@ def noise_of(loaded: LoadedRobot, earlier: Earlier | None) -> tuple[Array, float
     if earlier is not None:
         return earlier.noise, earlier.independent_rate, "the residuals of the earlier log"
     own = np.array([joint.limits.effort for joint in loaded.robot.coordinates])
+    if loaded.excitation.stance is not None:
+        own[: len(BASE_COORDINATES)] = loads_of_base(loaded.robot, loaded.excitation.stance)
     known = np.isfinite(own) & (own > 0.0)
     each = f"{ASSUMED_RATE:g} independent samples per second"
     if not known.any():
         return np.ones(loaded.robot.n), ASSUMED_RATE, f"assumed: 1 Nm (1 N), {each}"
     own[~known] = np.median(own[known])
     share = f"assumed: {100.0 * ASSUMED_NOISE:g} % of each joint's greatest effort"
+    if loaded.excitation.stance is not None:
+        share += ", and of the weight on the base"
     source = f"{share}, {each}; --earlier MODEL gives the actual noise"
     return frozen(ASSUMED_NOISE * own), ASSUMED_RATE, source

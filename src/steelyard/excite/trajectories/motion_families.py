@@ -264,7 +264,7 @@ def posture_of(given: Any, robot: Robot, what: str) -> Array | None:
     if given is None:
         return None
     fix = "give one number per joint: " + ", ".join(robot.joint_names)
-    return frozen(_by_joint(given, robot, f"{_WHERE} {what}", np.zeros(robot.n), fix))
+    return frozen(by_joint(given, robot, f"{_WHERE} {what}", np.zeros(robot.n), fix))
 
 
 def _ends(s: Any, robot: Robot) -> tuple[Array | None, Array | None]:
@@ -310,10 +310,11 @@ def per_joint(given: Any, robot: Robot, what: str, default: Array) -> Array:
     if isinstance(given, float | int):
         return np.full(robot.n, float(given))
     fix = "give one number, one per joint, or a table by joint name"
-    return _by_joint(given, robot, f"[excitation.limits] {what}", default, fix)
+    return by_joint(given, robot, f"[excitation.limits] {what}", default, fix)
 
 
-def _by_joint(given: Any, robot: Robot, where: str, default: Array, fix: str) -> Array:
+def by_joint(given: Any, robot: Robot, where: str, default: Array, fix: str) -> Array:
+    """Numbers by joint, `(n,)`, from a list, or from a table that changes some of the default."""
     if isinstance(given, Mapping):
         values = np.array(default)
         for name, value in given.items():

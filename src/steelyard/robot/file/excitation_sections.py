@@ -354,6 +354,25 @@ class SearchSection(Section):
     method: Name = key("gradient", "Search method: `gradient`, `genetic` or `cma_es`.")
 
 
+class StanceSection(Section):
+    """Feet that stay where they are on a horizontal floor while the robot moves above them."""
+
+    feet: Annotated[tuple[Name, ...], Field(strict=False, min_length=1)] = key(
+        ..., "Links or frames that stand."
+    )
+    points: Annotated[tuple[Vector, ...], Field(strict=False, min_length=1)] = key(
+        ((0.0, 0.0, 0.0),),
+        "Where each foot touches, in its frame [m]: one point, or the corners of a sole.",
+    )
+    posture: Posture | None = key(
+        None, "Configuration in which it stands upright, a list or by joint [rad; m]; zero else."
+    )
+    friction: Positive = key(0.4, "Coefficient of friction that the motion may use.")
+    least_load: Share = key(0.2, "Least load of each point, over an equal share of the weight.")
+    sway: Positive = key(0.1, "How far the base goes from there along each axis [m].")
+    tilt: Positive = key(0.3, "How far it turns about each axis [rad].")
+
+
 class ExcitationSection(Section):
     """All about the motion that is wanted."""
 
@@ -363,6 +382,7 @@ class ExcitationSection(Section):
     collision: CollisionSection | None = key(None, "What may not touch.")
     criterion: CriterionSection = key(CriterionSection(), "What is minimised.")
     loads: Many[LoadSection] = key((), "Loads that may hang on the robot.")
+    stance: StanceSection | None = key(None, "Feet on which a robot stands meanwhile.")
     search: SearchSection = key(SearchSection(), "How the motion is searched.")
     samples: Annotated[int, Field(ge=20, le=1_000_000)] = key(
         1000, "Samples of the motion at which the criterion is computed."
