@@ -287,6 +287,7 @@ class Problem:
     cases: Sequence[Case]
     samples: int = 1000
     notes: tuple[str, ...] = ()
+    kept_per_wave: int = KEPT_PER_WAVE
 
     @cached_property
     def objective(self) -> Objective:
@@ -302,7 +303,7 @@ class Problem:
     def inequalities(self) -> InequalityConstraints:
         """Margins on more samples."""
         return InequalityConstraints(
-            self.basis, self.limits, self.constraints, self._times(KEPT_PER_WAVE)
+            self.basis, self.limits, self.constraints, self._times(self.kept_per_wave)
         )
 
     def criterion_value(self, x: Array) -> float:

@@ -38,6 +38,7 @@ from steelyard.excite.constraints.constraint_and_limits import (
     motion_limits,
 )
 from steelyard.excite.design_problem_and_information import (
+    KEPT_PER_WAVE,
     Case,
     Earlier,
     InformationEvaluator,
@@ -47,6 +48,7 @@ from steelyard.excite.optimality_criteria import CRITERIA, measure
 from steelyard.excite.standing.forces_of_feet import NOT_ON_FEET, feet_forces
 from steelyard.excite.standing.information_on_feet import InformationOnFeet
 from steelyard.excite.standing.legs_follow_base import (
+    RESERVE,
     LegLimits,
     Legs,
     OnAllJoints,
@@ -120,17 +122,18 @@ def _while_standing(
     given = None if efforts in ("robot", "any") else efforts
     most = section.limits.share * per_joint(given, legs.tree, "effort", own)
     most = np.full_like(most, np.inf) if efforts == "any" else most
-    found: list[Constraint] = [
+    bending: list[Constraint] = [
         LegLimits(legs.tree, limits, tuple(range(n, legs.tree.n))),
         feet_forces(legs.tree, stance, loaded.robot.assembly, most[len(BASE_COORDINATES) :]),
     ]
     notes = [*limits.notes, NOT_ON_FEET]
     if efforts == "any":
         notes.append(Declined("torque is not limited, as specified"))
+    found = [OnAllJoints(legs, one, RESERVE) for one in bending]
     for part, part_notes in (workspace_of(whole, world), clearance_of(whole, world)):
-        found += part
+        found += [OnAllJoints(legs, one) for one in part]
         notes += part_notes
-    return tuple(OnAllJoints(legs, one) for one in found), tuple(notes)
+    return tuple(found), tuple(notes)
 
 
 def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> ConstraintsAndNotes:
@@ -293,10 +296,11 @@ def build(loaded: LoadedRobot, model: Model, earlier: Earlier | None = None) -> 
     """
     section = loaded.excitation
     basis = basis_of(section.motion, loaded.robot)
-    if section.stance is None:
-        limits = limits_of(loaded.robot, section.limits)
-    else:
-        limits = limits_of_first(limits_of(tree_of(loaded.robot), section.limits), loaded.robot.n)
+    on_feet, per_wave = section.stance is not None, KEPT_PER_WAVE
+    limits = limits_of(tree_of(loaded.robot) if on_feet else loaded.robot, section.limits)
+    if on_feet:
+        per_wave *= 2  # legs bend at twice the frequencies of the base
+        limits = limits_of_first(limits, loaded.robot.n)
     constraints, more = constraints_of(loaded, model, earlier)
     model, notes = memoryless(model)
     return Problem(
@@ -307,6 +311,7 @@ def build(loaded: LoadedRobot, model: Model, earlier: Earlier | None = None) -> 
         cases_of(section, model, limits, earlier),
         section.samples,
         (*limits.notes, *notes, *more),
+        per_wave,
     )
 
 

@@ -50,6 +50,7 @@ from steelyard.robot.robot import BASE_COORDINATES, Robot, frame_origins
 ASSUMED_NOISE = 0.01  # assumed without an earlier log, over the joint's greatest effort
 ASSUMED_RATE = 20.0  # independent samples a second that are assumed with it
 FINISH_SHARE = 0.08  # share of the time for polishing, scaling and proofs; a second at least
+FINISH_SHARE_ON_FEET = 0.35  # the same where legs follow: margins bend more between samples
 HURRY_SECONDS = 1.0  # time for polishing after the user has ended the search [s]
 FEW_SEARCHES = 4  # searches below which a note says that more time would help
 
@@ -179,7 +180,8 @@ def _searched(
     first = None if start is None else coefficients_of(problem.basis, start)
     refuse_impossible(problem, loaded)
     deadline = begun + effort.seconds - time_after(problem, effort.seconds, pace)
-    left = deadline - max(FINISH_SHARE * effort.seconds, 1.0) - time.monotonic()
+    share = FINISH_SHARE if loaded.excitation.stance is None else FINISH_SHARE_ON_FEET
+    left = deadline - max(share * effort.seconds, 1.0) - time.monotonic()
     try:
         result = search_in_parallel(
             tables,
@@ -300,8 +302,7 @@ def _cell(loaded: LoadedRobot, trajectory: ExactTrajectory) -> tuple[str, ...]:
     q = trajectory.derivative(np.linspace(0.0, trajectory.duration, _HEIGHT_SAMPLES), 0)
     heights = frame_origins(robot, moving, q)[:, :, 2]
     lowest = int(heights.min(axis=0).argmin())
-    raised = loaded.floats or loaded.excitation.stance is not None
-    floor = "HEIGHT, in metres from the base's origin," if raised else "0.0"
+    floor = "HEIGHT, in metres from the base's origin," if loaded.floats else "0.0"
     return (
         Gap(
             "no floor or cell is defined for the links: the origin of "

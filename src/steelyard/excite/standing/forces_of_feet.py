@@ -260,7 +260,7 @@ def feet_forces(tree: Robot, stance: StanceSection, joints: Array, limits: Array
             where="[robot] gravity",
             fix="give gravity along -z of the world, or leave it out",
         )
-    points = points_of_feet(tree, stance)
+    points = points_of_feet(tree, stance, joints)
     load = stance.least_load * weight / len(points)
     places = places_of_feet(tree, stance, joints)
     return FeetForces(tree, tuple(points), places, load, stance.friction, limits)

@@ -37,6 +37,7 @@ from steelyard.symbolic.program_and_softening import InputArray as Input
 from steelyard.symbolic.program_and_softening import Program
 from steelyard.symbolic.symbols_and_tracing import pulled_back, symbolic
 
+RESERVE = 0.1  # share of an activation distance that a search keeps for legs that bend
 OPEN = -10.0  # margins where the legs do not reach, over their activation distance
 
 _STEPS_PER_SECOND = 50.0
@@ -77,7 +78,9 @@ class Legs:
         """All joints from the independent ones, `(N, n)` each."""
         given = [q, dq, ddq]
         if self._last is None or not all(map(np.array_equal, self._last[0], given)):
-            passive, reached = Follower(self.robot)(q.T)
+            n, follower = self.robot.n, self._follower
+            follower.restart((self.robot.assembly[:n], self.robot.assembly[n:]))
+            passive, reached = follower(q.T)
             rates = self._rates([q.T, dq.T, ddq.T, passive]).T
             first, second = np.hsplit(rates, 2)
             found = AllJoints(
@@ -152,6 +155,10 @@ class Legs:
         return max(float(gaps(self.robot, q).max()) for q in motion.derivative(middles, 0))
 
     @cached_property
+    def _follower(self) -> Follower:
+        return Follower(self.robot)
+
+    @cached_property
     def _rates(self) -> Code:
         return compiled(["legs", *self._key], lambda: (self._program(), {}))
 
@@ -200,10 +207,15 @@ class Legs:
 
 @dataclass(frozen=True, eq=False)
 class OnAllJoints(Constraint):
-    """A constraint of the tree as one of the independent joints, whom the legs follow."""
+    """A constraint of the tree as one of the independent joints, which the legs follow.
+
+    Margins at samples are less by a `reserve`, a share of the activation distance: legs bend
+    between samples. What is proven is not.
+    """
 
     legs: Legs
     inner: Constraint
+    reserve: float = 0.0
     name: str = field(init=False)
     labels: tuple[str, ...] = field(init=False)
     unit: str = field(init=False)
@@ -224,7 +236,7 @@ class OnAllJoints(Constraint):
         """See `Constraint`; derivatives are those of margins below the activation distance."""
         whole = self.legs.at(q, dq, ddq)
         found = self.inner.margins(whole.q, whole.dq, whole.ddq)
-        values = np.array(found.values)
+        values = found.values - self.reserve * self.activation_distance
         values[~whole.reached] = OPEN * self.activation_distance
         samples, which = np.nonzero((values < self.activation_distance) & whole.reached[:, None])
         near = whole.of(samples)

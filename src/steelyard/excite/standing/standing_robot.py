@@ -19,7 +19,11 @@ from steelyard.excite.trajectories.motion_families import FAMILIES, by_joint
 from steelyard.model.equations.frame_and_point_kinematics import frame_of
 from steelyard.model.model import Model, model_with_open_friction, with_friction
 from steelyard.model.terms.term import ActsOnAxes, Term
-from steelyard.robot.file.excitation_sections import StanceSection
+from steelyard.robot.file.excitation_sections import (
+    ExcitationSection,
+    StanceSection,
+    WorkspaceSection,
+)
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.loop_closures import loop_equations
 from steelyard.robot.robot import (
@@ -30,6 +34,7 @@ from steelyard.robot.robot import (
     Limits,
     LoopClosure,
     Robot,
+    bodies_along,
     frame_origins,
 )
 
@@ -59,7 +64,7 @@ def standing(loaded: LoadedRobot, section: StanceSection) -> tuple[LoadedRobot, 
     loops = tuple(
         LoopClosure(frame.name, (-1, frame.body), np.array([place, frame.position]))
         for frame, place in zip(
-            points_of_feet(tree, section), places_of_feet(tree, section, at), strict=True
+            points_of_feet(tree, section, at), places_of_feet(tree, section, at), strict=True
         )
     )
     if np.linalg.svd(_centred(loops), compute_uv=False)[1] < _FLAT:
@@ -88,7 +93,27 @@ def standing(loaded: LoadedRobot, section: StanceSection) -> tuple[LoadedRobot, 
     plain = with_friction(model_with_open_friction(loaded), loaded)
     names = tuple(joint.name for joint in joints)
     model = Model(found, tuple(_acting(term, names) for term in plain.terms))
-    return replace(loaded, robot=found), model, Gap(_what_is_assumed(section, loops))
+    kept = replace(loaded, robot=found, excitation=_above_floor(loaded, loops, tree))
+    return kept, model, Gap(_what_is_assumed(section, loops))
+
+
+def _above_floor(
+    loaded: LoadedRobot, loops: Sequence[LoopClosure], tree: Robot
+) -> ExcitationSection:
+    """The tables with the floor at the lowest point of the feet, if none is given.
+
+    It holds for all links but those that stand.
+    """
+    section = loaded.excitation
+    space = section.workspace or WorkspaceSection()
+    if space.floor is not None:
+        return section
+    level = min(float(loop.points[0][2]) for loop in loops)
+    feet = {loop.bodies[1] for loop in loops}
+    skipped = [frame.name for frame in tree.frames if frame.body in feet]
+    without = tuple(dict.fromkeys([*space.without, *skipped]))
+    kept = space.model_copy(update={"floor": level, "without": without})
+    return section.model_copy(update={"workspace": kept})
 
 
 def _what_is_assumed(section: StanceSection, loops: Sequence[LoopClosure]) -> str:
@@ -107,21 +132,27 @@ def tree_of(robot: Robot) -> Robot:
     return robot.changed(coordinates=robot.joints, passive=(), loops=())
 
 
-def points_of_feet(robot: Robot, section: StanceSection) -> list[Frame]:
-    """Where the feet touch: a frame on its body for each point, foot by foot."""
-    found = []
+def points_of_feet(robot: Robot, section: StanceSection, joints: Array) -> list[Frame]:
+    """Where the feet touch in a posture `(n_joints,)`: a frame on its body for each point.
+
+    A ball that rolls turns about its lowest point at every time, which stays the same point of the
+    foot up to the radius times the square of its turn.
+    """
+    turns, found = bodies_along(robot, joints[None])[0], list[Frame]()
     for name in section.feet:
         foot = frame_of(robot, name)
+        below = turns[foot.body + 1][0].T @ [0.0, 0.0, -section.radius]
         for k, point in enumerate(section.points, start=1):
-            place = foot.position + foot.rotation @ np.array(point)
+            place = foot.position + foot.rotation @ np.array(point) + below
             title = name if len(section.points) == 1 else f"{name}, point {k}"
             found.append(Frame(title, foot.body, foot.rotation, place))
     return found
 
 
 def places_of_feet(robot: Robot, section: StanceSection, joints: Array) -> Array:
-    """Where these points are in the world at positions of all joints, `(p, 3)` [m]."""
-    return np.asarray(frame_origins(robot, points_of_feet(robot, section), joints[None])[0])
+    """Where these points are in the world in that posture, `(p, 3)` [m]."""
+    points = points_of_feet(robot, section, joints)
+    return np.asarray(frame_origins(robot, points, joints[None])[0])
 
 
 def _refuse_unfit(loaded: LoadedRobot) -> None:

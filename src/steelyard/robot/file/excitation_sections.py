@@ -364,6 +364,9 @@ class StanceSection(Section):
         ((0.0, 0.0, 0.0),),
         "Where each foot touches, in its frame [m]: one point, or the corners of a sole.",
     )
+    radius: Annotated[float, Field(ge=0.0)] = key(
+        0.0, "Radius of balls about these points, which roll on the floor [m]."
+    )
     posture: Posture | None = key(
         None, "Configuration in which it stands upright, a list or by joint [rad; m]; zero else."
     )
