@@ -30,12 +30,10 @@ from steelyard.robot.inertia_and_placement import rpy_rotation
 from steelyard.robot.robot import Robot
 
 SECONDS, BUDGET = 10.0, 120.0  # of the motions, and of the design [s]
-LEGS = [
-    f"{leg}_{joint}_joint" for leg in ("FR", "FL", "RR", "RL") for joint in ("hip", "thigh", "calf")
-]
+LEGS = [f"{leg}_{k}_joint" for leg in ("FR", "FL", "RR", "RL") for k in ("hip", "thigh", "calf")]
 FASTEST = {
     "velocity": {"x": 0.6, "r": 3.0, "leg": 5.0},
-    "acceleration": {"x": 2.0, "r": 8.0, "leg": 15.0},
+    "acceleration": {"x": 1.5, "r": 6.0, "leg": 12.0},
 }
 STIFFNESS = 100.0  # of the position control [Nm/rad]
 BALL = 0.02  # radius of the feet [m]
@@ -66,8 +64,8 @@ feet = ["FR_calf", "FL_calf", "RR_calf", "RL_calf"]
 points = [[0.0, 0.0, -0.2]]
 radius = {BALL}
 posture = [{", ".join(["0.0, 0.9, -1.8"] * 4)}]
-friction = 0.3
-least_load = 0.4
+friction = 0.25
+least_load = 0.5
 [excitation.limits]
 {chr(10).join(limits)}
 """

@@ -100,20 +100,18 @@ def standing(loaded: LoadedRobot, section: StanceSection) -> tuple[LoadedRobot, 
 def _above_floor(
     loaded: LoadedRobot, loops: Sequence[LoopClosure], tree: Robot
 ) -> ExcitationSection:
-    """The tables with the floor at the lowest point of the feet, if none is given.
+    """The tables with the base as the tool, and the floor at the feet's lowest point, if not given.
 
-    It holds for all links but those that stand.
+    The floor holds for all links but those that stand.
     """
-    section = loaded.excitation
-    space = section.workspace or WorkspaceSection()
-    if space.floor is not None:
-        return section
-    level = min(float(loop.points[0][2]) for loop in loops)
-    feet = {loop.bodies[1] for loop in loops}
-    skipped = [frame.name for frame in tree.frames if frame.body in feet]
-    without = tuple(dict.fromkeys([*space.without, *skipped]))
-    kept = space.model_copy(update={"floor": level, "without": without})
-    return section.model_copy(update={"workspace": kept})
+    space = loaded.excitation.workspace or WorkspaceSection()
+    changed: dict[str, Any] = {"frame": space.frame or loaded.robot.bodies[0].name}
+    if space.floor is None:
+        feet = {loop.bodies[1] for loop in loops}
+        standing_links = [frame.name for frame in tree.frames if frame.body in feet]
+        changed["floor"] = min(float(loop.points[0][2]) for loop in loops)
+        changed["without"] = tuple(dict.fromkeys([*space.without, *standing_links]))
+    return loaded.excitation.model_copy(update={"workspace": space.model_copy(update=changed)})
 
 
 def _what_is_assumed(section: StanceSection, loops: Sequence[LoopClosure]) -> str:
