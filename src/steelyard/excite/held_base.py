@@ -21,5 +21,6 @@ def held_by_its_base(loaded: LoadedRobot) -> tuple[LoadedRobot, Gap | None]:
         held = load_robot(path, edited(robot_text(path), changes))
     return held, Gap(
         f"a robot that stands would fall or slip: the motion is for one that hangs, '{base}' held "
-        "still and upright, and shows what joints feel there, not the base's mass and inertia"
+        "still and upright, and shows what joints feel there, not the base's mass and inertia; "
+        "[excitation.stance] asks for a motion of one that stands"
     )
