@@ -239,6 +239,42 @@ def test_a_lifted_leg_is_a_limb_of_its_own(tmp_path: Path) -> None:
     assert zero_moment_margin(forces, motion, 200) > 0.0 and len(forces.points) == 3
 
 
+HOPPER = """<mujoco><compiler angle="radian"/><worldbody>
+<body name="trunk" pos="0 0 .8"><freejoint/>
+  <geom type="box" size=".1 .08 .1" mass="6"/>
+  <body name="yaw"><joint name="yaw" axis="0 0 1"/><geom type="sphere" size=".02" mass=".2"/>
+  <body name="roll"><joint name="roll" axis="1 0 0"/><geom type="sphere" size=".02" mass=".2"/>
+  <body name="thigh" pos="0 0 -.1"><joint name="pitch" axis="0 1 0"/>
+    <geom type="capsule" size=".02" fromto="0 0 -.08 0 .01 -.2" mass=".8"/>
+  <body name="calf" pos="0 0 -.25"><joint name="knee" axis="0 1 0"/>
+    <geom type="capsule" size=".02" fromto="0 0 -.03 .01 0 -.2" mass=".5"/>
+  <body name="ankle" pos="0 0 -.25"><joint name="ankle_pitch" axis="0 1 0"/>
+    <geom type="sphere" size=".02" mass=".1"/>
+  <body name="foot"><joint name="ankle_roll" axis="1 0 0"/>
+    <geom type="box" size=".08 .05 .01" pos="0 0 -.04" mass=".3"/>
+  </body></body></body></body></body></body></body></worldbody></mujoco>"""
+
+
+def test_one_sole_bears_the_whole_robot(tmp_path: Path) -> None:
+    """Its corners share the weight; six joints follow six motions of the base."""
+    (tmp_path / "hopper.xml").write_text(HOPPER)
+    path = tmp_path / "hopper.toml"
+    corners = [[x, y, -0.05] for x in (-0.08, 0.08) for y in (-0.05, 0.05)]
+    path.write_text(
+        f'[robot]\nmjcf = "hopper.xml"\nbase = "floating"\n[excitation.stance]\nfeet = ["foot"]\n'
+        f"points = {corners}\nposture = {{pitch = -0.4, knee = 0.8, ankle_pitch = -0.4}}\n"
+        "least_load = 0.1\n"
+    )
+    problem = problem_of(path)
+    _, forces, on_all = parts(problem)
+    assert problem.robot.n == 6 and len(problem.robot.passive) == 6 and len(forces.points) == 4
+    motion = on_all.legs.motion(problem.basis.motion(start_of(problem)))
+    q = motion.derivative(np.linspace(0.0, motion.duration, 50), 0)
+    assert np.ptp(q[:, 6:], axis=0).min() > 1e-3 and on_all.legs.slip(motion) < 1e-8
+    assert zero_moment_margin(forces, motion, 200) > 0.0
+    assert (forces.proven(motion)[:4] > 0.0).all()  # each corner bears more than the least load
+
+
 @pytest.mark.parametrize(
     ("given", "words"),
     [

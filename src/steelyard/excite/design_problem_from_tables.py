@@ -45,7 +45,7 @@ from steelyard.excite.design_problem_and_information import (
     Problem,
 )
 from steelyard.excite.optimality_criteria import CRITERIA, measure
-from steelyard.excite.standing.forces_of_feet import NOT_ON_FEET, feet_forces
+from steelyard.excite.standing.forces_of_feet import LEAST_FORCES_NOTE, feet_forces
 from steelyard.excite.standing.information_on_feet import InformationOnFeet
 from steelyard.excite.standing.legs_follow_base import (
     RESERVE,
@@ -126,7 +126,7 @@ def _while_standing(
         LegLimits(legs.tree, limits, tuple(range(n, legs.tree.n))),
         feet_forces(legs.tree, stance, loaded.robot.assembly, most[len(BASE_COORDINATES) :]),
     ]
-    notes = [*limits.notes, NOT_ON_FEET]
+    notes = [*limits.notes, LEAST_FORCES_NOTE]
     if efforts == "any":
         notes.append(Declined("torque is not limited, as specified"))
     found = [OnAllJoints(legs, one, RESERVE) for one in bending]

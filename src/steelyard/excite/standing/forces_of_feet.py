@@ -235,7 +235,7 @@ def weight_of(robot: Robot) -> float:
     return float(np.linalg.norm(robot.gravity) * sum(b.inertia.mass for b in robot.bodies))
 
 
-NOT_ON_FEET = (
+LEAST_FORCES_NOTE = (
     "the feet share the weight in the least way; how real legs share it depends on their stiffness "
     "and on the floor"
 )
