@@ -70,6 +70,29 @@ def test_forces_of_a_point_are_gone_and_the_best_rows_are_left(
         np.testing.assert_allclose(weighted, left, atol=1e-10)
 
 
+def test_levers_are_what_a_force_at_another_point_adds(positions: Array, tmp_path: Path) -> None:
+    hind = FLAG.replace("fore_", "hind_")
+    base = base_of(tmp_path, FLAG + hind)
+    flags = np.array([[1, 0, 1, 1], [1, 1, 1, 0]]) > 0
+    one = Touching(base, np.ones(N), flags, np.zeros((0, 4)))
+    counted = np.ones((N, 4), dtype=np.bool_)
+    counted[7, 2] = False
+    forces = np.random.default_rng(1).normal(size=(4, 6)) * np.repeat(flags.T, 3, axis=1)
+    efforts = np.einsum("bki,bk->ib", one.jacobian(positions), forces)
+    found = one.levers(positions, efforts, counted)
+    assert found.shape == (N, 4, 6)
+    matrix = one.projection(positions, counted)
+    for k in range(6):
+        place = np.array(base.touches[k // 3].place) + np.eye(3)[k % 3]
+        touches = [replace(t, place=tuple(place)) if n == k // 3 else t
+                   for n, t in enumerate(base.touches)]  # fmt: skip
+        moved = replace(one, base=replace(base, touches=tuple(touches)))
+        added = np.einsum("bki,bk->bi", moved.jacobian(positions), forces) - efforts.T
+        expected = np.einsum("bij,bj->ib", matrix, added)
+        np.testing.assert_allclose(found[..., k], expected, atol=1e-9)
+    assert np.abs(found).max(axis=(0, 1)).min() > 1e-3
+
+
 def test_a_sole_takes_moments_and_a_ball_touches_below(positions: Array, tmp_path: Path) -> None:
     sole = base_of(tmp_path, FLAG + "sole = true\n")
     assert np.trace(touching(sole, [1] * 4).projection(positions)[0]) == pytest.approx(N - 6)

@@ -10,6 +10,7 @@ import numpy as np
 from steelyard.base.progress import report_progress
 from steelyard.check.cases_and_checks import Case, CaseCheck
 from steelyard.check.decision import gears_and_friction_of_logs, hypothesis_checks
+from steelyard.check.decision.contact_places import contact_places_check
 from steelyard.check.decision.joint_zeros_and_quarter_turns import joint_zeros_check
 from steelyard.check.decision.slipping_feet import slipping_feet_check
 from steelyard.check.decision.small_errors_beside_free_bodies import sensor_place_check
@@ -185,6 +186,7 @@ OF_FLOATING_BASE: tuple[Check, ...] = (
     hypothesis_checks.SENSOR_DELAY_CHECK,
     hypothesis_checks.CONTACTS_CHECK,
     sensor_place_check,
+    contact_places_check,
     unmeasured_contacts_check,
     slipping_feet_check,
 )
@@ -297,16 +299,19 @@ def examine(case: Case, *, quick: bool = False, checks: Sequence[Check] | None =
     by_model = (*OF_MOTION, *OF_FLOATING_BASE)
     selected.sort(key=lambda check: (check in by_model, check is not clock_check))
     findings: list[Finding] = []
-    motion = False
+    motion, measured = False, case
     for number, check in enumerate(selected):
         if check in by_model and not motion:
             motion = True
             case, found = _without(case, MOTION_CHECKS_NAME, _not_run(case, findings))
             findings += found
-        if not case.logs:
-            break
+            measured, found = _without(case, MOTION_CHECKS_NAME, _of_unknown_forces(case))
+            findings += found
+        asked = measured if check in by_model and check is not contact_places_check else case
+        if not asked.logs:
+            continue
         report_progress(case.progress, f"checking: {check.name}", number, len(selected))
-        findings += check(case)
+        findings += check(asked)
         if check is clock_check:
             disordered = {log.name: ORDER_FIRST for log in case.logs if out_of_order(log)}
             case, found = _without(case, OTHER_CHECKS_NAME, disordered)
@@ -339,6 +344,10 @@ def _not_run(case: Case, findings: Sequence[Finding]) -> dict[str, str]:
             edits = all(f.fix is not None and f.fix.edits for f in mine)
             names = " and the ".join(dict.fromkeys(f.check for f in mine))
             reasons[log.name] = NOT_RUN.format(names) + CORRECTED_BY_FIX * edits
-        elif (base := log.recording.signals.base) is not None and base.touches:
-            reasons[log.name] = UNKNOWN_FORCES
     return reasons
+
+
+def _of_unknown_forces(case: Case) -> dict[str, str]:
+    """Logs with contacts whose forces are not measured, and what that means."""
+    bases = {log.name: log.recording.signals.base for log in case.logs}
+    return {name: UNKNOWN_FORCES for name, base in bases.items() if base and base.touches}

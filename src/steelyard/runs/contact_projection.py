@@ -144,3 +144,26 @@ class Touching:
             found = jacobian if touch.sole else jacobian[:, :3] + turned
             rows.append(found * flags[:, None, None])
         return np.concatenate(rows or [np.zeros((q.shape[1], 1, len(q)))], axis=1)
+
+    def levers(self, q: Array, efforts: Array, counted: NDArray[np.bool_] | None = None) -> Array:
+        r"""Efforts of contact forces per metre by which their points are elsewhere, `(n, B, 3 c)`.
+
+        Each contact is moved along the axes of its frame. The forces $F$ are those that fit efforts
+        `(n, B)` in joints' units best: $M\, \Delta J^T F$ of the rows that are `counted`.
+        """
+        known = np.ones(q.T.shape) if counted is None else counted.T.astype(np.float64)
+        matrix, jacobian = self.projection(q, counted), self.jacobian(q) * known[:, None]
+        inverse = np.linalg.pinv(jacobian @ jacobian.transpose(0, 2, 1), hermitian=True)
+        lost = known * efforts.T - np.einsum("bij,jb->bi", matrix, efforts)
+        forces = np.einsum("bij,bjk,bk->bi", inverse, jacobian, lost)
+        names, at = tuple(touch.frame for touch in self.base.touches), 0
+        found = np.zeros((*q.shape, 3 * len(names)))
+        for number, kinematics in enumerate(kinematics_of(self.base, names)):
+            flags = self.flags[number]
+            if not flags.any():
+                continue
+            _, axes, own = kinematics(q.T)
+            moments = np.cross(axes, forces[:, at : at + 3, None], axis=1) * flags[:, None, None]
+            found[..., 3 * number : 3 * number + 3] = np.einsum("bin,bik->nbk", own[:, 3:], moments)
+            at += 6 if self.base.touches[number].sole else 3
+        return np.asarray(np.einsum("bij,jbk->ibk", matrix, found))

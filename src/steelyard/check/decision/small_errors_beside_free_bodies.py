@@ -22,6 +22,7 @@ from steelyard.check.hypotheses.readings_and_likelihood import Reading
 SAMPLES = 600  # samples of a fit
 PLACE_STEP = 0.01  # step of the derivative by the place [m]
 RIDGE = 1e-9  # of the columns, relative to their lengths
+FITS = 3  # least squares, each with the noise that the one before leaves
 ROUNDS = 3  # fits of bodies and place, one after the other
 LEAST_PLACE, LEAST_SHARE = 0.05, 0.4
 """Distance from the declared place, and share of the weight that is removed, that matter."""
@@ -30,50 +31,66 @@ SURE_STD = 6.0  # standard deviations from which on one is there
 
 @dataclass(frozen=True, eq=False)
 class FreeFit:
-    """A fit of free bodies and friction to a reading."""
+    """A fit of free bodies and friction by least squares, each row with its own noise."""
 
-    reading: Reading
-    columns: Array  # `(n, N, k)`
-    efforts: Array  # shape `(n, N)`
+    products: Array  # of the columns and the effort of each row, shape `(n, k + 1, k + 1)`
+    worth: float  # independent samples per sample
     weights: Array  # inverse mean squares of what each row leaves, `(n,)`
     values: Array  # bodies and friction, shape `(k,)`
     log: float  # log-likelihood of what is left
 
     @classmethod
     def of(cls, reading: Reading, more: Array | None = None) -> "FreeFit | None":
-        """The fit, with more columns `(n, N, any)` before the others; `None` if there is none."""
+        """The fit to a reading, with more columns `(n, N, any)` before the others.
+
+        `None` if there is none.
+        """
         columns, efforts, moving = rows_of(reading)
-        if not np.isfinite(columns).all():
-            return None
         if more is not None:
             columns = np.concatenate((more * moving[..., None], columns), axis=-1)
-        count, left = np.maximum(moving.sum(axis=1), 1.0), efforts
-        weights, values = np.zeros(len(efforts)), np.zeros(columns.shape[-1])
-        for _ in range(2):
-            squares = np.sum(np.square(left), axis=1) / count
-            known = squares > 1e-12 * squares.max()
-            weights = np.where(known, 1.0 / np.where(known, squares, 1.0), 0.0)
-            normal, sizes = _normal(columns, weights)
-            right = np.einsum("j,jbk,jb->k", weights, columns, efforts, optimize=True) / sizes
+        every = np.concatenate((columns, efforts[..., None]), axis=-1)
+        if not np.isfinite(every).all():
+            return None
+        products = every.swapaxes(1, 2) @ every
+        return cls.fitted(products, moving.sum(axis=1), reading.likelihood.excerpt.worth)
+
+    @classmethod
+    def fitted(cls, products: Array, count: Array, worth: float) -> "FreeFit":
+        """The fit to products of rows that are so many samples, `(n,)`, each of that worth."""
+        count, squares = np.maximum(count, 1.0), products[:, -1, -1]
+        weights, values = np.zeros(len(products)), np.zeros(products.shape[-1] - 1)
+        for _ in range(FITS):
+            weights = _inverse(squares / count)
+            normal, sizes = _normal(products, weights)
+            right = np.tensordot(weights, products[:, :-1, -1], 1) / sizes
             values = np.linalg.solve(normal, right) / sizes
-            left = efforts - columns @ values
-        squares = np.sum(np.square(left), axis=1) / count
+            left = np.append(-values, 1.0)
+            squares = np.maximum(products @ left @ left, 0.0)
         seen = squares > 0.0
-        worth = reading.likelihood.excerpt.worth
-        log = float(-0.5 * worth * np.sum(count[seen] * np.log(squares[seen])))
-        return cls(reading, columns, efforts, weights, values, log)
+        log = float(-0.5 * worth * np.sum(count[seen] * np.log(squares[seen] / count[seen])))
+        return cls(products, worth, weights, values, log)
+
+    def covariance(self, first: int) -> Array:
+        """Covariance of the first values; infinite variance of one that nothing shows."""
+        normal, sizes = _normal(self.products, self.weights)
+        found = np.linalg.inv(normal)[:first, :first] / sizes[:first, None] / sizes[:first]
+        found[range(first), range(first)] += np.where(np.isfinite(sizes[:first]), 0.0, np.inf)
+        return np.asarray(found / self.worth)
 
     def std(self, first: int) -> Array:
         """Standard deviations of the first values."""
-        normal, sizes = _normal(self.columns, self.weights)
-        variances = np.diag(np.linalg.inv(normal))[:first] / sizes[:first] ** 2
-        return np.asarray(np.sqrt(variances / self.reading.likelihood.excerpt.worth))
+        return np.asarray(np.sqrt(np.diag(self.covariance(first))))
 
 
-def _normal(columns: Array, weights: Array) -> tuple[Array, Array]:
+def _inverse(squares: Array) -> Array:
+    """The inverse of mean squares `(n,)`, zero of rows in which nothing is."""
+    known = squares > 1e-12 * squares.max()
+    return np.where(known, 1.0 / np.where(known, squares, 1.0), 0.0)
+
+
+def _normal(products: Array, weights: Array) -> tuple[Array, Array]:
     """Normal matrix of columns of unit length, and their lengths."""
-    flat = (np.sqrt(weights)[:, None, None] * columns).reshape(-1, columns.shape[-1])
-    gram = flat.T @ flat
+    gram = np.tensordot(weights, products[:, :-1, :-1], 1)
     sizes = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     sizes = np.where(sizes > 1e-9 * sizes.max(), sizes, np.inf)
     return gram / sizes[:, None] / sizes + RIDGE * np.eye(len(gram)), sizes
@@ -118,9 +135,9 @@ def fitted_place(reading: Reading) -> FittedPlace | None:
         if fit is None:
             return None
         logs.append(fit.log)
-        bodies = fit.values[:-own]
+        bodies, columns = fit.values[:-own], rows_of(now)[0][..., :-own]
         slopes = [
-            (rows_of(at_place(now, place_of(now) + PLACE_STEP * axis))[0] - fit.columns)[..., :-own]
+            (rows_of(at_place(now, place_of(now) + PLACE_STEP * axis))[0][..., :-own] - columns)
             @ bodies
             for axis in np.eye(3)
         ]

@@ -9,7 +9,7 @@ with the Jacobian $J_c$ of each contact's frame, its axes $R_c$ (or those of the
 link, the logged wrench $F_c$, and a factor $s_c$ that is 1 as declared.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -103,16 +103,33 @@ class FloatingBase:
     def pushed(self, reading: BaseReading, q: Array, samples: BaseSamples) -> Array:
         """Efforts `(n, B)` of the contacts at positions `(n, B)` [N; Nm]."""
         found = np.zeros_like(q)
+        for _, jacobian, wrench in self._wrenches(reading, q, samples):
+            found += np.einsum("bki,bk->ib", jacobian, wrench)
+        return found
+
+    def levers(self, reading: BaseReading, q: Array, samples: BaseSamples) -> Array:
+        """Efforts of the contacts per metre by which each is elsewhere, `(n, B, 3 contacts)`.
+
+        It is moved along the axes of its frame.
+        """
+        moments = (
+            np.einsum("bin,bik->nbk", jacobian[:, 3:], np.cross(axes, wrench[:, :3, None], axis=1))
+            for axes, jacobian, wrench in self._wrenches(reading, q, samples)
+        )
+        return np.concatenate(list(moments), axis=-1)
+
+    def _wrenches(
+        self, reading: BaseReading, q: Array, samples: BaseSamples
+    ) -> Iterator[tuple[Array, Array, Array]]:
+        """Of each contact its axes `(B, 3, 3)`, Jacobian `(B, 6, n)` and wrench `(B, 6)`."""
         for number, kinematics in enumerate(self._frames):
-            if not reading.factors[number]:
-                continue
-            _, turn, jacobian = kinematics(q.T)
+            _, axes, jacobian = kinematics(q.T)
+            turn = axes
             if reading.in_world[number] and samples.axes is not None:
                 turn = reading.turn @ samples.axes.transpose(0, 2, 1)
             logged = samples.wrenches[reading.contacts[number]].reshape(2, 3, -1)
-            wrench = np.einsum("bij,kjb->kib", turn, logged).reshape(6, -1)
-            found += reading.factors[number] * np.einsum("bki,kb->ib", jacobian, wrench)
-        return found
+            wrench = np.einsum("bij,kjb->bki", turn, logged).reshape(-1, 6)
+            yield axes, jacobian, reading.factors[number] * wrench
 
     @cached_property
     def _frames(self) -> Sequence[FrameKinematics]:

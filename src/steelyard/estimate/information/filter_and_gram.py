@@ -241,7 +241,7 @@ class Accumulator:
         left, shares = np.diagonal(projection, axis1=1, axis2=2).T, np.square(self.matched.taps)
         if not self.outputs(len(projection)):
             return np.zeros((len(left), 0))
-        return self._over_taps(np.ascontiguousarray(left), shares / shares.sum())
+        return self.over_taps(np.ascontiguousarray(left), shares / shares.sum())
 
     @property
     def _steps(self) -> tuple[int, int]:
@@ -271,13 +271,13 @@ class Accumulator:
         if stretch.weights is None or n_outputs == 0 or np.all(stretch.weights == 1.0):
             return None
         counted = stretch.weights > 0.0
-        kept = self._over_taps(counted.astype(np.float64), self.matched.taps) > MOVING
+        kept = self.over_taps(counted.astype(np.float64), self.matched.taps) > MOVING
         if np.isin(stretch.weights, (0.0, 1.0)).all():
             return kept.astype(np.float64)
         shares = np.square(self.matched.taps)
         variance = np.divide(1.0, stretch.weights, where=counted, out=np.zeros(counted.shape))
-        mean = self._over_taps(variance, shares)
-        known = self._over_taps(counted.astype(np.float64), shares)
+        mean = self.over_taps(variance, shares)
+        known = self.over_taps(counted.astype(np.float64), shares)
         return np.divide(known, mean, where=kept & (mean > 0.0), out=np.zeros(mean.shape))
 
     def _beside(self, stretch: Stretch) -> Array | None:
@@ -287,10 +287,10 @@ class Accumulator:
             return None
         sizes = np.abs(self.matched.taps)
         resting = (stretch.weights == 0.0).astype(np.float64)
-        share = self._over_taps(resting, sizes / sizes.sum())
+        share = self.over_taps(resting, sizes / sizes.sum())
         return (share > RESTING).astype(np.float64)
 
-    def _over_taps(self, values: Array, taps: Array) -> Array:
+    def over_taps(self, values: Array, taps: Array) -> Array:
         """Values `(n, N)` summed over the taps at every filtered sample, shape `(n, outputs)`."""
         windows = np.lib.stride_tricks.sliding_window_view(values, len(taps), axis=1)
         kept = windows[:, :: self.matched.decimation][:, : self.outputs(values.shape[1])]
