@@ -9,7 +9,7 @@ import pytest
 import steelyard
 from floating_logs import FLAG, HAND, IMU, TOE, dog, record
 from steelyard.base.arrays import Array
-from steelyard.check.decision.contact_places import FittedPlace
+from steelyard.check.decision.places_and_bias_beside_bodies import Bounds, FittedVector
 from steelyard.check.finding import Finding, Severity
 
 NOISE, PUSH = 0.05, 30.0
@@ -79,11 +79,13 @@ def test_a_sole_has_no_point(tmp_path: Path) -> None:
     assert not any(f.check == "contact places" for f in checked.findings)
 
 
-def test_an_offset_counts_along_directions_that_are_known() -> None:
+def test_a_vector_counts_along_directions_that_are_known() -> None:
     """Of two directions that are known together, not each, only their mean is."""
     variances = np.diag([1e-8, 1.0, 1e-8])
     turn = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, np.sqrt(2.0)]]) / np.sqrt(2.0)
-    offset = np.array([0.02, 0.0, 0.0])
-    found = FittedPlace.of("foot", np.zeros(3), offset, turn @ variances @ turn.T)
-    np.testing.assert_allclose(found.offset, [0.01, 0.01, 0.0], atol=1e-12)
-    assert not found.known and found.other and found.least == 0.005
+    value = np.array([0.02, 0.0, 0.0])
+    found = FittedVector.of(value, turn @ variances @ turn.T, 100.0, Bounds(0.005, 0.01))
+    np.testing.assert_allclose(found.value, [0.01, 0.01, 0.0], atol=1e-12)
+    assert not found.known and found.there and found.least == 0.005
+    unseen = FittedVector.of(value, np.diag([np.inf, 1e-8, 1e-8]), 100.0, Bounds(0.005, 0.01))
+    assert not unseen.known and not unseen.there and unseen.size == 0.0

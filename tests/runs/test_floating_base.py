@@ -102,6 +102,15 @@ def test_a_late_sensor_is_corrected(logged: Logged, tmp_path: Path) -> None:
     check(run_of(tmp_path, IMU + "delay = 0.02\n", late), logged[1], ACCELERATED)
 
 
+def test_a_stated_bias_of_the_accelerometer_is_subtracted(logged: Logged, tmp_path: Path) -> None:
+    biased = changed(logged, tmp_path, lambda table: table.with_columns(
+        (pl.col("acc_x") + 0.3) / 9.80665, pl.col("acc_y") / 9.80665,
+        (pl.col("acc_z") - 0.2) / 9.80665,
+    ))  # fmt: skip
+    keys = 'acceleration_unit = "g"\nacceleration_bias = [0.3, 0.0, -0.2]\n'
+    check(run_of(tmp_path, IMU + keys, biased), logged[1], ACCELERATED)
+
+
 def test_an_unknown_wrench_leaves_the_rows_of_the_base_out(logged: Logged, tmp_path: Path) -> None:
     run = run_of(tmp_path, IMU + 'wrench = "unknown"\n', logged[0])
     assert not run.moving[:, :6].any() and run.moving[:, 6:].any()

@@ -10,6 +10,7 @@ import numpy as np
 from steelyard.base.progress import report_progress
 from steelyard.check.cases_and_checks import Case, CaseCheck
 from steelyard.check.decision import gears_and_friction_of_logs, hypothesis_checks
+from steelyard.check.decision.accelerometer_bias import accelerometer_bias_check
 from steelyard.check.decision.contact_places import contact_places_check
 from steelyard.check.decision.joint_zeros_and_quarter_turns import joint_zeros_check
 from steelyard.check.decision.slipping_feet import slipping_feet_check
@@ -187,10 +188,13 @@ OF_FLOATING_BASE: tuple[Check, ...] = (
     hypothesis_checks.CONTACTS_CHECK,
     sensor_place_check,
     contact_places_check,
+    accelerometer_bias_check,
     unmeasured_contacts_check,
     slipping_feet_check,
 )
 """Checks of the sensors and contacts of a floating base, by the same evidence."""
+OF_UNKNOWN_FORCES: tuple[Check, ...] = (contact_places_check, accelerometer_bias_check)
+"""Those of them that need no measured forces of contacts."""
 OF_FIXED_BASE: tuple[Check, ...] = (
     joint_zeros_check,
     hypothesis_checks.JOINT_ZEROS,
@@ -307,7 +311,7 @@ def examine(case: Case, *, quick: bool = False, checks: Sequence[Check] | None =
             findings += found
             measured, found = _without(case, MOTION_CHECKS_NAME, _of_unknown_forces(case))
             findings += found
-        asked = measured if check in by_model and check is not contact_places_check else case
+        asked = measured if check in by_model and check not in OF_UNKNOWN_FORCES else case
         if not asked.logs:
             continue
         report_progress(case.progress, f"checking: {check.name}", number, len(selected))

@@ -69,7 +69,7 @@ def base_channels(base: BaseSignals, logged: Array, where: str) -> tuple[Array, 
     else:
         assert axes is not None
         turning = _angles(axes, base.tracked, where)
-    return np.hstack([base.scale * translation, turning]), axes
+    return np.hstack([base.scale * translation - np.array(base.bias), turning]), axes
 
 
 def _angles(axes: Array, tracked: bool, where: str) -> Array:

@@ -34,6 +34,7 @@ class FreeFit:
     """A fit of free bodies and friction by least squares, each row with its own noise."""
 
     products: Array  # of the columns and the effort of each row, shape `(n, k + 1, k + 1)`
+    count: Array  # samples of each row, shape `(n,)`
     worth: float  # independent samples per sample
     weights: Array  # inverse mean squares of what each row leaves, `(n,)`
     values: Array  # bodies and friction, shape `(k,)`
@@ -68,7 +69,12 @@ class FreeFit:
             squares = np.maximum(products @ left @ left, 0.0)
         seen = squares > 0.0
         log = float(-0.5 * worth * np.sum(count[seen] * np.log(squares[seen] / count[seen])))
-        return cls(products, worth, weights, values, log)
+        return cls(products, count, worth, weights, values, log)
+
+    def without(self, columns: slice) -> "FreeFit":
+        """The fit without some columns."""
+        kept = np.delete(np.arange(len(self.values) + 1), columns)
+        return FreeFit.fitted(self.products[:, kept][:, :, kept], self.count, self.worth)
 
     def covariance(self, first: int) -> Array:
         """Covariance of the first values; infinite variance of one that nothing shows."""

@@ -10,7 +10,7 @@ link, the logged wrench $F_c$, and a factor $s_c$ that is 1 as declared.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -48,6 +48,8 @@ class BaseReading:
     contacts: tuple[int, ...]  # number of the declared contact whose columns each contact has
     factors: Array  # on each contact's wrench, sign included, shape `(contacts,)`
     in_world: tuple[bool, ...]  # whether each contact is along the world's axes, not its frame's
+    # of the accelerometer along the base link's axes, beside a declared one, shape `(3,)` [m/s²]
+    bias: Array = field(default_factory=lambda: np.zeros(3))
 
     def changed(self, **fields: Any) -> "BaseReading":
         """The same with some of its attributes replaced."""
@@ -60,6 +62,7 @@ class BaseReading:
             np.round(self.turn, 4).tobytes(),
             np.round(self.place, 4).tobytes(),
             round(self.delay, 4),
+            np.round(self.bias, 5).tobytes(),
             self.contacts,
             np.round(self.factors, 4).tobytes(),
             self.in_world,
@@ -93,6 +96,7 @@ class FloatingBase:
         velocity, acceleration = base_motion(at_sensor, *channels)
         rows = np.stack((velocity, acceleration)).reshape(2, 2, 3, -1)
         (v, omega), (a, alpha) = reading.turn @ rows
+        a = a - reading.bias[:, None]
         place = np.reshape(reading.place, (3, 1))
         swing = _cross(omega, place)
         a = a - _cross(alpha, place) - _cross(omega, swing)
@@ -116,7 +120,7 @@ class FloatingBase:
             np.einsum("bin,bik->nbk", jacobian[:, 3:], np.cross(axes, wrench[:, :3, None], axis=1))
             for axes, jacobian, wrench in self._wrenches(reading, q, samples)
         )
-        return np.concatenate(list(moments), axis=-1)
+        return np.concatenate([np.zeros((*q.shape, 0)), *moments], axis=-1)
 
     def _wrenches(
         self, reading: BaseReading, q: Array, samples: BaseSamples

@@ -171,7 +171,7 @@ class Likelihood:
     def _motion_of_base(self, reading: BaseReading | None) -> Array:
         """Rows of the base in `q`, `dq` and `ddq`, `(3, 6, B)`."""
         assert self.base is not None and reading is not None
-        key = (reading.turn.tobytes(), reading.place.tobytes(), reading.delay)
+        key = (*(x.tobytes() for x in (reading.turn, reading.place, reading.bias)), reading.delay)
         if key not in self._motions_of_base:
             channels = self.excerpt.of_base(self.signals.n_base, reading.delay)
             self._motions_of_base[key] = self.base.motion(reading, channels)

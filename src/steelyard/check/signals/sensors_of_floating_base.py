@@ -264,7 +264,7 @@ def _of_gravity(base: BaseSignals, rows: SensorRows) -> Iterator[Finding]:
     if not base.orientation:
         yield from _of_size(base, rows, size)
         return
-    scaled = base.scale * rows.acceleration
+    scaled = base.scale * rows.acceleration - np.array(base.bias)
 
     def mean(kind: str, other: bool) -> Array:
         return np.asarray(np.einsum("nij,nj->ni", _axes(rows, kind, other), scaled).mean(axis=0))
@@ -310,7 +310,7 @@ def _of_gravity(base: BaseSignals, rows: SensorRows) -> Iterator[Finding]:
 
 def _of_size(base: BaseSignals, rows: SensorRows, size: float) -> Iterator[Finding]:
     """Units of the acceleration, and whether gravity is in it, by its size over short times."""
-    smooth = _means(rows, base.scale * rows.acceleration)
+    smooth = _means(rows, base.scale * rows.acceleration - np.array(base.bias))
     mean = float(np.median(np.linalg.norm(smooth, axis=1)))
     figure = f"size of the acceleration {mean:.3g} m/s², {size:.3g} m/s² expected"
     for factor, unit in ((STANDARD_G, "g"), (1.0 / STANDARD_G, "m/s2")):

@@ -60,6 +60,10 @@ class BaseSection(Section):
         "Columns of what an accelerometer measures, or one name with `{}` for x, y, z.",
     )
     acceleration_unit: Literal["m/s2", "g"] = key("m/s2", "Unit of `acceleration`.")
+    acceleration_bias: Vector = key(
+        (0.0, 0.0, 0.0),
+        "What the accelerometer shows too much along its axes; it is subtracted [m/s²].",
+    )
     angular_velocity: Name | Names | None = key(
         None, "Columns of the angular velocity of a gyroscope along its axes."
     )

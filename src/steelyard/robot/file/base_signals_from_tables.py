@@ -52,6 +52,7 @@ def build_base_signals(section: BaseSection, robot: Robot, locate: Locate) -> Ba
         translation=columns["position" if tracked else "acceleration"],
         tracked=tracked,
         scale=STANDARD_G if in_g and not tracked else 1.0,
+        bias=tuple(section.acceleration_bias),
         angular_velocity=columns["angular_velocity"],
         angular_scale=np.pi / 180.0 if section.angular_velocity_unit == "deg/s" else 1.0,
         orientation=columns["orientation"],
@@ -79,6 +80,9 @@ def _check_given(section: BaseSection, where: str) -> None:
     elif section.position is not None and section.angular_velocity is not None:
         wrong = "the base has a position and an angular velocity"
         fix = "leave the angular velocity out: it is that of the orientation"
+    elif section.acceleration is None and any(section.acceleration_bias):
+        wrong = "acceleration_bias is given, but no acceleration"
+        fix = "remove acceleration_bias: it is that of an accelerometer"
     elif section.angular_velocity is None and section.orientation is None:
         wrong = "the base has neither an angular velocity nor an orientation"
         fix = 'give angular_velocity = "gyro_{}" of a gyroscope, or orientation = [...]'

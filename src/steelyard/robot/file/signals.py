@@ -81,7 +81,8 @@ class BaseSignals:
 
     `translation` is the proper acceleration, or the place in the world if `tracked`; angular
     velocities and orientations are empty if they are not logged. Scales are in m/s² (m) and rad/s
-    per logged unit. A point of the sensor is at `axes @ p + place` in the base link's frame,
+    per logged unit; `bias` is what an accelerometer shows too much along its axes, `(3,)` [m/s²]. A
+    point of the sensor is at `axes @ p + place` in the base link's frame,
     `(9,)` row by row and `(3,)` [m]; `gravity` `(3,)` [m/s²] is in the world. With an unknown
     `wrench` on the base its rows do not count. The `tree` has what places of contacts depend on.
 
@@ -105,6 +106,7 @@ class BaseSignals:
     tree: Mapping[str, Any]
     touches: tuple[Touch, ...] = ()
     spread: tuple[float, ...] = ()
+    bias: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     @property
     def motion(self) -> tuple[str, ...]:
