@@ -123,6 +123,31 @@ def test_an_acceleration_without_gravity_is_named(log: Path, tmp_path: Path) -> 
     assert "without gravity" in one.says
 
 
+def test_a_bias_of_the_gyroscope_is_named_and_gone_once_it_is_stated(
+    log: Path, tmp_path: Path
+) -> None:
+    bias = (0.06, -0.02, 0.05)
+
+    def change(columns: Columns) -> None:
+        for name, x in zip(GYRO, bias, strict=True):
+            columns[name] += x
+
+    wrong = changed(log, tmp_path, change)
+
+    def of_sensors(keys: str) -> list[Finding]:
+        file = dog(tmp_path, ORIENTED + keys + HAND)
+        found = steelyard.check(file, wrong, quick=True).last.findings
+        return [f for f in found if f.check == "sensors of the base" and f.severity]
+
+    (named,) = of_sensors("")
+    assert "bias" in named.says and named.severity.name == "DOUBTFUL" and named.fix is not None
+    says = named.fix.says
+    key = says[says.index("angular_velocity_bias") :]
+    fitted = np.array(key[key.index("[") + 1 : -1].split(", "), dtype=np.float64)
+    np.testing.assert_allclose(fitted, bias, atol=5e-3)
+    assert not of_sensors(key + "\n")
+
+
 @pytest.mark.parametrize("names", [GYRO, ["hand_fx", "hand_fy", "hand_fz"]])
 def test_a_sensor_that_stops_is_named(names: list[str], log: Path, tmp_path: Path) -> None:
     def change(columns: Columns) -> None:

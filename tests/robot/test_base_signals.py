@@ -41,6 +41,11 @@ IN_WORLD = HAND + 'axes = "world"\n'
             "acceleration_bias is given, but no acceleration",
             "remove acceleration_bias",
         ),
+        (
+            TRACKED + "angular_velocity_bias = [0.1, 0.0, 0.0]\n",
+            "angular_velocity_bias is given, but no angular velocity",
+            "remove angular_velocity_bias",
+        ),
         (IMU + "mounting = {yaw = 90.0}\n", "has a frame and a mounting", "keep one of them"),
         (IMU + IN_WORLD, "the base has no orientation", "along the axes of its frame"),
         (IMU.replace('"imu"', '"fore_foot"'), "'fore_foot' is not fixed to the base", "imu"),

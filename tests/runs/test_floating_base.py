@@ -102,13 +102,14 @@ def test_a_late_sensor_is_corrected(logged: Logged, tmp_path: Path) -> None:
     check(run_of(tmp_path, IMU + "delay = 0.02\n", late), logged[1], ACCELERATED)
 
 
-def test_a_stated_bias_of_the_accelerometer_is_subtracted(logged: Logged, tmp_path: Path) -> None:
+def test_stated_biases_are_subtracted(logged: Logged, tmp_path: Path) -> None:
     biased = changed(logged, tmp_path, lambda table: table.with_columns(
         (pl.col("acc_x") + 0.3) / 9.80665, pl.col("acc_y") / 9.80665,
-        (pl.col("acc_z") - 0.2) / 9.80665,
+        (pl.col("acc_z") - 0.2) / 9.80665, pl.col("gyro_x") * 180.0 / np.pi,
+        (pl.col("gyro_y") + 0.1) * 180.0 / np.pi, pl.col("gyro_z") * 180.0 / np.pi,
     ))  # fmt: skip
-    keys = 'acceleration_unit = "g"\nacceleration_bias = [0.3, 0.0, -0.2]\n'
-    check(run_of(tmp_path, IMU + keys, biased), logged[1], ACCELERATED)
+    keys = "acceleration_bias = [0.3, 0.0, -0.2]\nangular_velocity_bias = [0.0, 0.1, 0.0]\n"
+    check(run_of(tmp_path, IMU + IN_DEGREES + keys, biased), logged[1], ACCELERATED)
 
 
 def test_an_unknown_wrench_leaves_the_rows_of_the_base_out(logged: Logged, tmp_path: Path) -> None:

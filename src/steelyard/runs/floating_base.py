@@ -65,7 +65,7 @@ def base_channels(base: BaseSignals, logged: Array, where: str) -> tuple[Array, 
         sensor = rotations(orientation, base.orientation_kind)
         axes = sensor @ np.reshape(base.axes, (3, 3)).T
     if base.angular_velocity:
-        turning = base.angular_scale * velocity
+        turning = base.angular_scale * velocity - np.array(base.angular_bias)
     else:
         assert axes is not None
         turning = _angles(axes, base.tracked, where)

@@ -67,6 +67,9 @@ class BaseSection(Section):
     angular_velocity: Name | Names | None = key(
         None, "Columns of the angular velocity of a gyroscope along its axes."
     )
+    angular_velocity_bias: Vector = key(
+        (0.0, 0.0, 0.0), "What the gyroscope shows too much; it is subtracted [rad/s]."
+    )
     angular_velocity_unit: Literal["rad/s", "deg/s"] = key("rad/s", "Unit of `angular_velocity`.")
     position: Name | Names | None = key(
         None, "Columns of the place in the world, instead of `acceleration` [m]."

@@ -53,6 +53,7 @@ def build_base_signals(section: BaseSection, robot: Robot, locate: Locate) -> Ba
         tracked=tracked,
         scale=STANDARD_G if in_g and not tracked else 1.0,
         bias=tuple(section.acceleration_bias),
+        angular_bias=tuple(section.angular_velocity_bias),
         angular_velocity=columns["angular_velocity"],
         angular_scale=np.pi / 180.0 if section.angular_velocity_unit == "deg/s" else 1.0,
         orientation=columns["orientation"],
@@ -83,6 +84,9 @@ def _check_given(section: BaseSection, where: str) -> None:
     elif section.acceleration is None and any(section.acceleration_bias):
         wrong = "acceleration_bias is given, but no acceleration"
         fix = "remove acceleration_bias: it is that of an accelerometer"
+    elif section.angular_velocity is None and any(section.angular_velocity_bias):
+        wrong = "angular_velocity_bias is given, but no angular velocity"
+        fix = "remove angular_velocity_bias: it is that of a gyroscope"
     elif section.angular_velocity is None and section.orientation is None:
         wrong = "the base has neither an angular velocity nor an orientation"
         fix = 'give angular_velocity = "gyro_{}" of a gyroscope, or orientation = [...]'

@@ -81,10 +81,11 @@ class BaseSignals:
 
     `translation` is the proper acceleration, or the place in the world if `tracked`; angular
     velocities and orientations are empty if they are not logged. Scales are in m/s² (m) and rad/s
-    per logged unit; `bias` is what an accelerometer shows too much along its axes, `(3,)` [m/s²]. A
-    point of the sensor is at `axes @ p + place` in the base link's frame,
-    `(9,)` row by row and `(3,)` [m]; `gravity` `(3,)` [m/s²] is in the world. With an unknown
-    `wrench` on the base its rows do not count. The `tree` has what places of contacts depend on.
+    per logged unit; `bias` and `angular_bias` are what an accelerometer and a gyroscope show too
+    much along their axes, `(3,)` [m/s²; rad/s]. A point of the sensor is at `axes @ p + place` in
+    the base link's frame, `(9,)` row by row and `(3,)` [m]; `gravity` `(3,)` [m/s²] is in the
+    world. With an unknown `wrench` on the base its rows do not count. The `tree` has what places of
+    contacts depend on.
 
     Where `touches` are, contact forces are unknown; `spread` are the standard deviations of the
     efforts' errors `(n,)` [Nm; N] by which rows without these forces are made, all 1 if empty.
@@ -107,6 +108,7 @@ class BaseSignals:
     touches: tuple[Touch, ...] = ()
     spread: tuple[float, ...] = ()
     bias: tuple[float, ...] = (0.0, 0.0, 0.0)
+    angular_bias: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     @property
     def motion(self) -> tuple[str, ...]:
