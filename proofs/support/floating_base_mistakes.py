@@ -14,6 +14,7 @@ Change = Callable[[Columns, str], str]
 """Changes the columns of a log in place, and returns the text of the robot file."""
 G = 9.81  # m/s²
 LATE = 0.03  # s
+BIAS = 0.15  # m/s²
 ELSEWHERE = (0.15, 0.1, 0.15)  # how far the sensor really is from where the file says [m]
 
 
@@ -86,6 +87,10 @@ def rotated(columns: Columns) -> Array:
     return np.asarray(Rotation.from_quat(np.column_stack(order)).as_matrix())
 
 
+def _biased(columns: Columns) -> None:
+    columns["acc_z"] += BIAS
+
+
 def _without_gravity(columns: Columns) -> None:
     up = rotated(columns)[:, 2]
     for k, axis in enumerate("xyz"):
@@ -140,6 +145,11 @@ def of_sensor() -> list[Mistake]:
             "accelerometer with the opposite sign",
             _scaled(ACC, -1.0),
             (("acceleration", "opposite sign"),),
+        ),
+        Mistake(
+            "accelerometer with a bias along its z axis",
+            _of_columns(_biased),
+            (("accelerometer bias", "bias of"),),
         ),
         Mistake(
             "inertial sensor on another place",
