@@ -114,11 +114,12 @@ class Server:
 
 
 @contextmanager
-def serving(folder: Path) -> Iterator[Server]:
+def serving(folder: Path, stderr: int | None = None) -> Iterator[Server]:
     """`steelyard app FOLDER --no-browser`, until the block ends."""
     process = subprocess.Popen(
         [sys.executable, "-m", "steelyard", "app", str(folder), "--no-browser"],
         stdout=subprocess.PIPE,
+        stderr=stderr,
         text=True,
         env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )

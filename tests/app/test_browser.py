@@ -127,6 +127,11 @@ def test_what_stays_the_same_is_not_replaced(started: tuple[Server, Visitor], ar
     page.wait_for_selector("#position-0 option[selected]:text-is('q3')", state="attached")
     visitor.idle()
     assert page.input_value("#position-0") == "q3" and page.input_value("#unit-2") == "deg"
+    page.locator("[data-row='logs/b.csv'] select").focus()
+    (server.folder / "logs" / "aa.csv").write_bytes((arm / "a.csv").read_bytes())
+    visitor.see("[data-row='logs/aa.csv']")
+    visitor.idle()
+    assert page.evaluate("document.activeElement.closest('li').dataset.row") == "logs/b.csv"
     lost = "all => all.filter(x => !document.querySelector(x).marked)"
     assert page.evaluate(lost, kept) == [".picture"]  # drawn from other data
     assert page.locator("#columns ~ form th .sort").count() == 6
@@ -244,3 +249,10 @@ def test_a_joint_and_a_column_with_the_name_of_a_script_run_nothing(
         visitor.step(step)
         visitor.idle()
         assert visitor.page.evaluate("document.body.dataset.errors || ''") == ""
+
+
+def test_a_page_says_that_its_app_has_ended(tmp_path: Path) -> None:
+    with serving(tmp_path / "workspace") as server, visiting(server.address) as visitor:
+        visitor.see("#files-robot")
+        server.kill()
+        visitor.see("#message:has-text('The app does not answer')")

@@ -1,7 +1,10 @@
 """Works in processes of a running app: stopped, killed with it, and what they leave."""
 
+import http.client
 import json
 import os
+import signal
+import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -138,6 +141,19 @@ def test_a_stop_that_comes_before_the_server_runs_ends_it(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
+def test_ctrl_c_with_an_open_page_says_nothing(tmp_path: Path) -> None:
+    with serving(tmp_path, stderr=subprocess.PIPE) as server:
+        server.enter()
+        connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=60)
+        connection.request("GET", "/events", headers={"Cookie": server.cookie})
+        assert connection.getresponse().readline().startswith(b"data:")
+        server.process.send_signal(signal.SIGINT)
+        _, said = server.process.communicate(timeout=60)
+        connection.close()
+    assert said == "" and server.process.returncode == 0
+
+
+@pytest.mark.slow
 def test_an_occupied_port_is_refused(checked: Path) -> None:
     from typer.testing import CliRunner
 
@@ -161,6 +177,9 @@ def test_a_folder_that_is_open_is_not_opened_again(tmp_path: Path) -> None:
         with pytest.raises(OutputError, match=f"open in another app.*:{server.port}"):
             again()
     again()
+    with serving(tmp_path / "other") as server:
+        (tmp_path / ".derived" / PORT).write_text(str(server.port))  # of another folder
+        again()
     for text in ("no port", "1", "99999999"):  # of no app
         (tmp_path / ".derived" / PORT).write_text(text)
         again()

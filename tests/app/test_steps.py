@@ -178,10 +178,24 @@ def test_a_model_is_that_of_the_command(ready: Finished) -> None:
 
 def test_a_fit_of_which_nothing_is_kept_says_so(ready: Finished) -> None:
     ready.act("check", "run")
-    ready.workspace.choose(fit="models/model-1")
+    ready.workspace.choose(fit={"folder": "models/model-1", "key": 24 * "0"})
     assert "nothing of it is kept" in ready.page("identify")
     ready.act("identify", "run")
     assert "nothing of it is kept" not in ready.page("identify")
+    with Path("logs/a.csv").open("a") as file:
+        file.write("\n")
+    page = ready.page("identify")
+    assert "nothing of it is kept" not in page and "verdict " in page, "it is of the files before"
+
+
+def test_a_role_goes_with_its_log(ready: Finished) -> None:
+    ready.act("logs", "role", log="logs/b.csv", role="out")
+    ready.act("logs", "remove", log="logs/b.csv")
+    Path("logs/b.csv").write_bytes(Path("logs/a.csv").read_bytes())
+    assert roles(ready) == {"logs/a.csv": "fit", "logs/b.csv": "validate"}
+    ready.act("logs", "role", log="logs/b.csv", role="validate")
+    Path("logs/b.csv").rename("logs/c.csv")
+    assert roles(ready) == {"logs/a.csv": "fit", "logs/c.csv": "validate"}
 
 
 def test_each_log_has_its_role(ready: Finished, arm: Path) -> None:

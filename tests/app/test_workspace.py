@@ -148,6 +148,11 @@ def test_choices_are_kept_and_a_damaged_file_counts_as_none(workspace: Workspace
     workspace.choose(validate="logs/a.csv", model="robot/a.urdf")
     workspace.choose(model=None)
     assert workspace.choices == {"validate": "logs/a.csv"}
+    own = workspace.folder / "app.json"
+    for text in (own.read_text().replace("a.csv", "b.csv"), '{"choices": 3}', '{"roles": [1]}'):
+        own.write_text(text)  # by hand
+        assert workspace.choices == {}
+    workspace.choose(validate="logs/a.csv")
     (workspace.folder / "app.json").write_text("[[[")
     assert workspace.choices == {}
 

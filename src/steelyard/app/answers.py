@@ -52,6 +52,7 @@ class Answers:
 
     desk: Desk
     version: int = 0
+    ended: bool = False
     listeners: set[asyncio.Queue[str]] = field(default_factory=set)
 
     @property
@@ -67,7 +68,10 @@ class Answers:
             return ""
 
     async def watch(self, stop: Callable[[], bool]) -> None:
-        """Look at the files and jobs until it shall stop, and tell all pages what changes."""
+        """Look at the files and jobs until it shall stop, and tell all pages what changes.
+
+        Pages that listen are told nothing more at its end, which ends their answers.
+        """
         seen, said = "", ""
         while not stop():
             now = await asyncio.to_thread(self._seen)
@@ -79,6 +83,9 @@ class Answers:
                 for listener in self.listeners:
                     listener.put_nowait(said)
             await asyncio.sleep(LOOK_S)
+        self.ended = True
+        for listener in self.listeners:
+            listener.put_nowait("")
 
     def application(self, stop: Callable[[], bool], end: Callable[[], None]) -> Starlette:
         """The application, without its guard.
@@ -213,8 +220,8 @@ class Answers:
             self.listeners.add(queue)
             try:
                 yield f"data: {self.said}\n\n"
-                while True:
-                    yield f"data: {await queue.get()}\n\n"
+                while not self.ended and (said := await queue.get()):
+                    yield f"data: {said}\n\n"
             finally:
                 self.listeners.discard(queue)
 

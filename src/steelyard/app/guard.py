@@ -26,6 +26,7 @@ HEADERS = {
 """Of every answer; an answer that has one of them already keeps its own."""
 
 
+PLACE = b"x-workspace"  # header of a refusal: which folder the app is on, as a hash
 NEEDS_TOKEN = (
     "Open the address that `steelyard app` printed, with its token. It works once; "
     "for another browser start the app again."
@@ -44,6 +45,7 @@ class Guard:
 
     application: Application
     port: int
+    place: str = ""
     token: str = field(default_factory=lambda: secrets.token_urlsafe(32))
     session: str = field(default_factory=lambda: secrets.token_urlsafe(32))
     used: bool = False
@@ -68,7 +70,7 @@ class Guard:
         given = query.get("token", [""])[0]
         opens = scope["path"] == "/" and scope["method"] == "GET" and not self.used
         if not (opens and hmac.compare_digest(given.encode(), self.token.encode())):
-            return await _refuse(send, NEEDS_TOKEN)
+            return await _refuse(send, NEEDS_TOKEN, self.place)
         self.used = True
         value = f"{self.cookie}={self.session}; Path=/; HttpOnly; SameSite=Strict"
         headers = [(b"location", b"/"), (b"set-cookie", value.encode())]
@@ -125,8 +127,9 @@ class Guard:
         return sending
 
 
-async def _refuse(send: Send, words: str) -> None:
+async def _refuse(send: Send, words: str, place: str = "") -> None:
     headers = [
+        (PLACE, place.encode()),
         (b"content-type", b"text/plain; charset=utf-8"),
         (b"x-content-type-options", b"nosniff"),
     ]

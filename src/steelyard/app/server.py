@@ -1,5 +1,6 @@
 """The server of the app, on this machine alone."""
 
+import hashlib
 import socket
 import webbrowser
 from collections.abc import Callable
@@ -7,7 +8,7 @@ from contextlib import AbstractContextManager, nullcontext
 from http.client import HTTPConnection, HTTPException
 from pathlib import Path
 
-from steelyard.app.guard import NEEDS_TOKEN, Guard
+from steelyard.app.guard import PLACE, Guard
 from steelyard.app.jobs import Jobs
 from steelyard.app.step import Desk
 from steelyard.app.workspace import DERIVED, opened
@@ -56,7 +57,7 @@ def serve(
     listening = _listening(port)
     port = listening.getsockname()[1]
     (workspace.folder / DERIVED / PORT).write_text(str(port), encoding="utf-8")
-    guard = Guard(answers.application(stop, lambda: server.end()), port)
+    guard = Guard(answers.application(stop, lambda: server.end()), port, _place(folder))
     address = f"http://{HOST}:{port}/?token={guard.token}"
     say(address)
     settings = uvicorn.Config(
@@ -79,16 +80,21 @@ def _refuse_second(folder: Path, where: str) -> None:
         port = int((folder / DERIVED / PORT).read_text(encoding="utf-8"))
         connection = HTTPConnection(HOST, port, timeout=ANSWER_S)
         connection.request("GET", "/")
-        answer = connection.getresponse().read(len(NEEDS_TOKEN))
+        there = connection.getresponse().getheader(PLACE.decode())
         connection.close()
     except (OSError, ValueError, HTTPException):
         return
-    if answer == NEEDS_TOKEN.encode():
+    if there == _place(folder):
         raise OutputError(
             f"the folder is open in another app, at http://{HOST}:{port}",
             where=where,
             fix="use its page, end it (Ctrl-C), or name another folder",
         )
+
+
+def _place(folder: Path) -> str:
+    """Which folder it is, as a hash."""
+    return hashlib.sha256(str(folder.resolve()).encode()).hexdigest()[:24]
 
 
 def _listening(port: int) -> socket.socket:

@@ -59,7 +59,10 @@ class Desk:
 
     def look(self, work: Work) -> Outcome:
         """What is known of a work on the files as they are now; it is not begun."""
-        key = work.key(self.workspace)
+        return self.at(work.key(self.workspace))
+
+    def at(self, key: str) -> Outcome:
+        """What is known of a work by its key, on the files as they were when it was begun."""
         path = self.workspace.derived(key)
         if not path.exists():
             return Outcome(key, error=self.jobs.unwritten.get(key), job=self.jobs.running.get(key))

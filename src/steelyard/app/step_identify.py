@@ -22,7 +22,7 @@ def _work(desk: Desk, folder: str) -> Work:
         "folder": folder,
         "reason": reason_of(desk),
     }
-    files = (robot, *workspace.logs, *workspace.model_files)
+    files = (robot, *logs_that(desk, "fit", "validate", "loaded"), *workspace.model_files)
     return Work(FIT, given, files, f"identifying {folder}", long=True)
 
 
@@ -46,15 +46,18 @@ def _locked(desk: Desk) -> str:
 def _numbers(desk: Desk) -> Values:
     workspace = desk.workspace
     models, shown = workspace.models, workspace.choices.get("model_shown")
-    folder = workspace.choices.get("fit")
-    fit = desk.look(_work(desk, folder)) if isinstance(folder, str) else None
+    begun = workspace.choices.get("fit")
+    fit = None if begun is None else desk.at(begun["key"])
     comparison = _comparison(desk)
     return {
         "models": models,
         "shown": shown if shown in models else next(iter(models), None),
         "fit": fit,
         "running": fit is not None and fit.job is not None,
-        "interrupted": fit is not None and not (fit.job or fit.error or folder in models),
+        "interrupted": fit is not None
+        and fit.job is None
+        and fit.error is None
+        and fit.result is None,
         "unseen": logs_that(desk, "validate"),
         "known": logs_that(desk, "fit"),
         "loaded": logs_that(desk, "loaded"),
@@ -78,8 +81,9 @@ def _run(desk: Desk, form: Values) -> None:
     while workspace.path(f"{MODELS}/model-{number}").exists():
         number += 1
     folder = f"{MODELS}/model-{number}"
-    workspace.choose(fit=folder, model_shown=None)
-    desk.again(_work(desk, folder))
+    work = _work(desk, folder)
+    workspace.choose(fit={"folder": folder, "key": work.key(workspace)}, model_shown=None)
+    desk.again(work)
 
 
 def _show(desk: Desk, form: Values) -> None:

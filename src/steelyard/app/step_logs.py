@@ -47,7 +47,8 @@ def preview_work(desk: Desk, log: str) -> Work:
 
 def roles(desk: Desk) -> dict[str, str]:
     """What each log is for; if nothing was chosen, the last of several validates."""
-    logs, chosen = desk.workspace.logs, desk.workspace.choices.get("roles", {})
+    logs, every = desk.workspace.logs, desk.workspace.choices.get("roles", {})
+    chosen = {log: every[log] for log in logs if log in every}
     last = {logs[-1]: "validate"} if len(logs) > 1 and "validate" not in chosen.values() else {}
     return {log: {**last, **chosen}.get(log, "fit") for log in logs}
 
@@ -191,16 +192,19 @@ def _role(desk: Desk, form: Values) -> None:
 def _payload(desk: Desk, form: Values) -> None:
     text = text_of(form, "mass")
     try:
-        mass = float(text) if text else None
+        mass = float(text.replace(",", ".")) if text else None
     except ValueError:
         mass = math.nan
     if mass is not None and not 0.0 < mass < math.inf:
-        raise DataError("the mass is no positive number", where="mass", fix="give it in kg")
+        raise DataError("the mass is no positive number", where="mass", fix="give it in kg: 1.5")
     desk.workspace.choose(payload_mass=mass)
 
 
 def _remove(desk: Desk, form: Values) -> None:
-    desk.workspace.remove(one_of(form, "log", desk.workspace.logs))
+    log = one_of(form, "log", desk.workspace.logs)
+    desk.workspace.remove(log)
+    left = {x: role for x, role in desk.workspace.choices.get("roles", {}).items() if x != log}
+    desk.workspace.choose(roles=left)
 
 
 def _set(desk: Desk, form: Values) -> None:

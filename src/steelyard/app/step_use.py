@@ -6,6 +6,7 @@ from typing import Any
 
 from steelyard.app.jobs import Work
 from steelyard.app.step import OPEN, Desk, Outcome, Step, Values, one_of, text_of
+from steelyard.app.step_logs import logs_that
 from steelyard.app.workspace import EXPORTS, REPORTS, USED_LOGS
 from steelyard.base.errors import DataError
 
@@ -87,7 +88,8 @@ def _numbers(desk: Desk) -> Values:
     return {
         "models": workspace.models,
         "logs": workspace.used_logs,
-        "ticked": workspace.choices.get("ticked") or workspace.used_logs[:1],
+        "ticked": workspace.choices.get("ticked")
+        or (logs_that(desk, "loaded") or [*workspace.used_logs])[:1],
         "uses": USES,
         "chosen": NOTHING | (chosen if isinstance(chosen, dict) else {}),
         "used": used,

@@ -279,18 +279,21 @@ class Workspace:
 
     @property
     def choices(self) -> Mapping[str, Any]:
-        """What was chosen beside the robot file; a damaged file counts as none."""
+        """What was chosen beside the robot file; a file that was changed by hand counts as none."""
         path = self.folder / CHOICES
         try:
             found = read_json(path, dict, what="the choices", damaged="damaged", fix="remove it")
         except SteelyardError:
             return {}
-        return found
+        chosen = found.get("choices")
+        if not isinstance(chosen, dict) or found.get("mark") != _mark_of(chosen):
+            return {}
+        return chosen
 
     def choose(self, **changes: Any) -> None:
         """Change choices; `None` takes one out."""
-        both = {**self.choices, **changes}
-        write_json(self.folder / CHOICES, {k: v for k, v in both.items() if v is not None})
+        chosen = {k: v for k, v in {**self.choices, **changes}.items() if v is not None}
+        write_json(self.folder / CHOICES, {"mark": _mark_of(chosen), "choices": chosen})
 
     def mark(self, names: Iterable[str]) -> str:
         """Changes if one of these files does: a hash of sizes and times of all of them."""
@@ -347,6 +350,11 @@ def _is_robot_file(path: Path) -> bool:
 
 def _written(path: Path) -> int:
     return path.stat().st_mtime_ns
+
+
+def _mark_of(chosen: Mapping[str, Any]) -> str:
+    """Of choices as the app writes them: others were changed by hand, to whatever types."""
+    return hashlib.sha256(json.dumps(chosen, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def opened(folder: Path) -> Workspace:

@@ -1,6 +1,10 @@
 """`steelyard app`: the guided app in a browser."""
 
+import os
+import signal
 from pathlib import Path
+from threading import Event
+from types import FrameType
 from typing import Annotated
 
 import typer
@@ -28,6 +32,12 @@ def app(
     """
     from steelyard.app.server import serve
 
-    with interrupt.quietly():
-        serve(folder, port, not no_browser, typer.echo, interrupt.stop_requested)
-    interrupt.answered()
+    stop = Event()
+
+    def asked(number: int, frame: FrameType | None) -> None:
+        if stop.is_set():  # again: at once, which loses nothing that is finished
+            os._exit(interrupt.INTERRUPTED)
+        stop.set()
+
+    signal.signal(signal.SIGINT, asked)
+    serve(folder, port, not no_browser, typer.echo, stop.is_set)

@@ -73,11 +73,15 @@ function keyOf(one) {
   if (one.nodeType !== Node.ELEMENT_NODE || !one.hasAttributes()) return one.nodeName;
   const name = one.getAttribute("name") || "";
   const value = ticked(one) || one.matches("button") ? one.value : "";
-  const rest = ["id", "href", "src", "formaction", "aria-labelledby", "data-post", "data-keep"];
+  const rest = ["id", "href", "src", "formaction", "aria-labelledby", "data-post", "data-keep", "data-row"];
   return [one.nodeName, ticked(one) ? name.replace(/\d+$/, "") : name, value, ...rest.map((what) => one.getAttribute(what))].join(" ");
 }
 
 const PLAIN = new WeakMap();  // tables as the server sent them: headings that sort change them
+document.addEventListener("readystatechange", () => {
+  if (document.readyState !== "interactive") return;  // before scripts that are deferred
+  document.querySelectorAll("#step table").forEach((one) => PLAIN.set(one, one.outerHTML));
+});
 
 // Make a part of the page what the server sent, in place: what stays the same keeps its focus, its
 // scroll, what was typed, a press that has begun; pictures of the same data stay as they are drawn.
@@ -191,7 +195,8 @@ function listen() {
     showJobs(told.jobs);
     if (byId("step").dataset.version !== String(told.version)) refresh();
   };
-  events.onerror = () => { if (events.readyState === EventSource.CLOSED) refresh(); };
+  events.onerror = () => say(GONE);  // it tries again by itself
+  events.onopen = () => { if (byId("message").textContent === GONE) { say(""); refresh(); } };
 }
 
 document.addEventListener("submit", async (event) => {

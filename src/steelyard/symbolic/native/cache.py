@@ -22,6 +22,7 @@ FORMAT = 1
 SOURCES = (
     "symbolic",
     "model",
+    "excite/standing",
     "robot/models",
     "robot/robot_from_mechanism.py",
     "robot/floating_ball_and_coupled_joints.py",
