@@ -118,7 +118,7 @@ def _put_right(folder: Path, data: Path) -> list[Claim]:
     with serving(workspace) as server, visiting(server.address) as visitor:
         _drop(visitor, given)
         visitor.page.wait_for_function("!document.querySelector('.picture:not([data-drawn])')")
-        shown = visitor.page.locator(".finding").count()
+        shown = visitor.page.locator(".finding[data-row]").count()
         drawn = visitor.page.locator(".finding .picture:has(.main-svg)").count()
         accept = visitor.page.get_by_role("button", name="Accept")
         clicks = 0
