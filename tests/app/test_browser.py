@@ -143,6 +143,8 @@ def test_what_stays_the_same_is_not_replaced(started: tuple[Server, Visitor], ar
 
 
 def test_all_by_keyboard(started: tuple[Server, Visitor], arm: Path) -> None:
+    from playwright.sync_api import TimeoutError
+
     server, visitor = started
     page = visitor.page
 
@@ -158,15 +160,16 @@ def test_all_by_keyboard(started: tuple[Server, Visitor], arm: Path) -> None:
 
     def choose(kind: str, *files: Path) -> None:
         visitor.idle()
-        chosen: list[Any] = []
-        page.once("filechooser", lambda one: chosen.append(one))
-        for _ in range(5):  # a browser that is short of time may not take a key as a user's
+        for last in (False, False, True):  # a browser short of time may not take a key as a user's
             focus(f"#files-{kind}")
-            page.keyboard.press("Space")
-            page.wait_for_timeout(2000.0)
-            if chosen:
+            try:
+                with page.expect_file_chooser(timeout=None if last else 20_000.0) as chooser:
+                    page.keyboard.press("Space")
                 break
-        chosen[0].set_files([str(file) for file in files])
+            except TimeoutError:
+                if last:
+                    raise
+        chooser.value.set_files([str(file) for file in files])
 
     choose("robot", arm / "arm.urdf")
     visitor.see(".space3d[data-drawn]")
