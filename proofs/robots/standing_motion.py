@@ -83,10 +83,10 @@ class Plan:
         """Positions of joints and the planned torque over the stiffness, in their order."""
         t = np.linspace(0.0, self.motion.duration, int(500 * self.motion.duration) + 1)
         q, dq, ddq = (self.motion.derivative(t, order) for order in range(3))
-        first, count = 5 * len(self.forces.points), len(self.forces.limits)
-        margins = self.forces.margins(q, dq, ddq).values[:, first : first + count]
+        efforts = self.forces.columns(q, dq, ddq)
         columns = [self.robot.joint_names.index(name) for name in joints]
-        ahead = q[:, columns] + (self.forces.limits - margins)[:, np.array(columns) - 6] / STIFFNESS
+        torque = np.column_stack([efforts[f"tau_{name}"] for name in joints])
+        ahead = q[:, columns] + torque / STIFFNESS
         return lambda at: np.array([np.interp(at, t, one) for one in ahead.T])
 
 

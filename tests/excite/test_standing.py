@@ -145,6 +145,14 @@ def test_forces_carry_the_motion_as_the_floating_robot_says(
     assert np.allclose(loads, least[:, 2::3], atol=2e-4)
     assert np.allclose(loads.sum(axis=1), force[:, 2], atol=1e-4) and len(names) == 20
     assert zero_moment_margin(forces, motion, 200) > 0.0
+    columns = forces.columns(q, dq, ddq)  # of the written table
+    for foot in FEET:
+        pushed = np.column_stack([columns[f"force_{foot}_{axis}"] for axis in "xyz"])
+        along = np.einsum("nji,nj->ni", axes, pushed)
+        jacobian = model.jacobian(whole.q, foot)[:, :3]
+        torque = torque - np.einsum("nij,ni->nj", jacobian, along)
+    efforts = np.column_stack([columns[f"tau_{name}"] for name in robot.joint_names[6:]])
+    assert np.allclose(efforts, torque[:, 6:], atol=1e-4) and np.abs(torque[:, :6]).max() < 1e-3
     # a point's weight over the sum is where the zero-moment point is: the moment there is zero
     place = loads @ forces.places / loads.sum(axis=1, keepdims=True)
     rest = about - np.cross(place, force)

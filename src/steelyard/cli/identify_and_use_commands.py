@@ -285,6 +285,8 @@ def health(
     "steelyard:feedforward",
     motion={"help": "trajectory.json, or a table of time and positions; joints match by name."},
     joints=None,
+    forces=None,
+    contacts={"metavar": "NAME..."},
 )
 def feedforward(
     call: "partial[FeedforwardTorques]",
@@ -295,7 +297,7 @@ def feedforward(
 
     The table has time, positions, velocities, accelerations and torques (q_NAME, dq_NAME, ddq_NAME,
     tau_NAME) in SI units. Friction is computed from the desired velocity: from the measured one
-    it would chatter.
+    it would chatter. A robot with a floating base is carried by the contacts of its robot file.
 
     Options:
         output: Table to write, .csv or .parquet; must not exist.
@@ -319,6 +321,7 @@ def feedforward(
         cells = (joint.name, significant(rms), significant(peak), joint.effort_unit)
         table.add_row(*(Text(cell) for cell in cells))
     terminal().print(table)
+    shared.print_lines(*found.contact_lines)
     shared.print_lines(*(f"! {warning}" for warning in found.warnings), style="bold red")
     shared.print_lines(*(f"note: {note}" for note in found.notes))
     typer.echo(f"\n{len(found.motion)} rows  {output}")

@@ -9,6 +9,7 @@ MANY_VALUED_OPTIONS = (
     "--loaded",
     "--unloaded",
     "--columns",
+    "--contacts",
     "--beside",
     "--calibrate",
     "--estimators",

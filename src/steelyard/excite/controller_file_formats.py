@@ -8,7 +8,7 @@ is the greatest integral of the magnitude of its Peano kernel [Davis1963].
 """
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import ceil, floor, inf
 from pathlib import Path
@@ -24,6 +24,10 @@ from steelyard.robot.robot import Robot
 MOST_POINTS = 2_000_000  # rows or commands that a file may hold
 AT_REST = 1e-7  # speed below which a motion counts as at rest [rad/s; m/s]
 _STEP_ROUNDING = 1e-9  # share of a step that counts as rounding
+
+
+MoreColumns = Callable[[Array, Array, Array], Mapping[str, Array]]
+"""Further columns by name, each `(N,)`, of positions, velocities and accelerations `(N, n)`."""
 
 
 def grid_times(duration: float, rate: float) -> Array:
@@ -93,16 +97,20 @@ def _plain(text: str) -> str:
     return " ".join(text.encode("ascii", "replace").decode().split()).replace("--", "- -")
 
 
-def csv_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
+def csv_of(
+    trajectory: ExactTrajectory, robot: Robot, rate: float, more: MoreColumns | None = None
+) -> str:
     """A row every `1 / rate` seconds and one at the end, with all digits, in SI units.
 
-    Columns are `time_s`, then `q_NAME`, `dq_NAME` and `ddq_NAME` of all joints.
+    Columns are `time_s`, then `q_NAME`, `dq_NAME` and `ddq_NAME` of all joints, and `more` that
+    follow from these.
     """
     times = grid_times(trajectory.duration, rate)
     names = [f"{what}_{c.name}" for what in ("q", "dq", "ddq") for c in robot.coordinates]
-    parts = [trajectory.derivative(times, order).tolist() for order in range(3)]
-    rows = zip(times.tolist(), *parts, strict=True)
-    return csv_text([["time_s", *names], *([t, *q, *dq, *ddq] for t, q, dq, ddq in rows)])
+    parts = [trajectory.derivative(times, order) for order in range(3)]
+    added = {} if more is None else more(*parts)
+    table = np.column_stack([times, *parts, *added.values()])
+    return csv_text([["time_s", *names, *added], *table.tolist()])
 
 
 def keyframes_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
@@ -329,9 +337,16 @@ EXPORTS: dict[str, Export] = {
 
 
 def exported(
-    trajectory: ExactTrajectory, robot: Robot, form: str, rate: float | None = None
+    trajectory: ExactTrajectory,
+    robot: Robot,
+    form: str,
+    rate: float | None = None,
+    more: MoreColumns | None = None,
 ) -> str:
-    """A motion as the text of a file in a format of `EXPORTS`, with `rate` points a second."""
+    """A motion as the text of a file in a format of `EXPORTS`, with `rate` points a second.
+
+    A csv may have `more` columns.
+    """
     export = _format_of_name(form)
     rate = export.rate if rate is None else rate
     if not 0.0 < rate < inf:
@@ -340,16 +355,23 @@ def exported(
             where="rate of the export",
             fix="give a number of points per second above 0",
         )
+    if form == "csv":
+        return csv_of(trajectory, robot, rate, more)
     return export.text(trajectory, robot, rate)
 
 
 def write_export(
-    trajectory: ExactTrajectory, robot: Robot, form: str, folder: Path, rate: float | None = None
+    trajectory: ExactTrajectory,
+    robot: Robot,
+    form: str,
+    folder: Path,
+    rate: float | None = None,
+    more: MoreColumns | None = None,
 ) -> Path:
     """Write a motion to a folder, under the format's file name; the file."""
     path = folder / _format_of_name(form).file
     refuse_existing(path)
-    text = exported(trajectory, robot, form, rate)
+    text = exported(trajectory, robot, form, rate, more)
     with whole_file(path) as part:
         part.write_text(text, encoding="utf-8", newline="\n")
     return path

@@ -37,6 +37,7 @@ from steelyard.excite.page.design_page import render_design
 from steelyard.excite.page.design_text import DesignContent, design_headline, print_design, scopes
 from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.excite.searched_or_planned_motion import Designed, design, refuse_other_kind
+from steelyard.excite.standing.forces_of_feet import FeetForces
 from steelyard.excite.standing.standing_robot import standing, tree_of
 from steelyard.excite.trajectories.exact_trajectories import (
     ExactTrajectory,
@@ -180,8 +181,11 @@ class DesignedMotion(Result):
         write_motion(folder / "trajectory.json", designed.trajectory, designed.robot)
         designed.certificate.write(folder / "certificate.json")
         names = {"trajectory": "trajectory.json", "certificate": "certificate.json"}
+        on_feet = [one.columns for one in designed.constraints if isinstance(one, FeetForces)]
         for form in self.written_formats:
-            path = write_export(designed.trajectory, designed.robot, form, folder, self.rate)
+            path = write_export(
+                designed.trajectory, designed.robot, form, folder, self.rate, *on_feet
+            )
             names[form] = path.name
         (folder / "report.html").write_text(self._page(tuple(names.items())), encoding="utf-8")
         return names | {"report": "report.html"}

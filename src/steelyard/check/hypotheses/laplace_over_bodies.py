@@ -32,6 +32,7 @@ RIDGE = 1e-9  # of the normalised Hessian
 INSIDE = 0.9  # share of the way to where no body exists that one step goes
 CONVERGED = 1e-2  # rise of the log-likelihood that a further step promises, at which it is one
 FIRST_VARIANCE = 0.1  # of residuals, before any are known
+NO_EVIDENCE = -1e300  # log evidence where the Hessian is singular: efforts of no size
 
 Flags = NDArray[np.bool_]
 DIAGONAL = np.array([1, 0, 1, 0, 0, 1, 0, 0, 0, 1], dtype=np.bool_)
@@ -132,6 +133,7 @@ class _Fit:
         likely = counts * (squares / self.variance + np.log(self.variance) - 1.0)
         logs = self._prior() - 0.5 * np.sum(likely, axis=-1)
         logs += 0.5 * (whole * np.log(2.0 * np.pi) - bends)
+        logs = np.where(np.isfinite(logs), logs, NO_EVIDENCE)
         return Averaged(logs, self.u, np.sqrt(np.maximum(squares, 0.0) + RESIDUAL_FLOOR**2))
 
     def _expansion(self) -> tuple[Array, Array, Array, Array, Array]:

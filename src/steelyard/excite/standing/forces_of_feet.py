@@ -188,6 +188,21 @@ class FeetForces(Constraint):
             *(most + effort for effort, most in limited),
         ]
 
+    def columns(self, q: Array, dq: Array, ddq: Array) -> dict[str, Array]:
+        """Columns of efforts of the joints and of forces on the feet along the world's axes.
+
+        By name, `(N,)` each [Nm; N], at positions, velocities and accelerations `(N, n)`.
+        """
+        forces, efforts = self._forces_and_efforts([*q.T], [*dq.T], [*ddq.T])
+        joints = self.tree.coordinates[_BASE:]
+        found = {f"tau_{c.name}": np.asarray(x) for c, x in zip(joints, efforts, strict=True)}
+        for point, force in zip(self.points, forces, strict=True):
+            found |= {
+                f"force_{point.name}_{axis}": np.asarray(x)
+                for axis, x in zip("xyz", force, strict=True)
+            }
+        return found
+
     def _forces_and_efforts(
         self, q: Scalars, dq: Scalars, ddq: Scalars
     ) -> tuple[list[list[Any]], list[Any]]:

@@ -5,14 +5,14 @@ $\tanh(\dot q_d / w)$ in the place of the sign [Volkmann], because a desired vel
 exactly zero at rest; laws with a smoothing of their own keep that.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from steelyard.base.arrays import Array, records
 from steelyard.base.checked_arguments import checked
@@ -25,8 +25,14 @@ from steelyard.excite.trajectories.trajectory_files import read_named, read_tabl
 from steelyard.logs.formats import write_table
 from steelyard.model.model import ValuedModel
 from steelyard.model.torque_and_quantities import TORQUE, Equations, Quantity
-from steelyard.robot.robot import Coordinate, Robot, refuse_floating
+from steelyard.robot.robot import Coordinate, Robot
 from steelyard.symbolic.program_and_softening import Program, softened
+from steelyard.uses.control.contacts_carry_base import (
+    SHARED_NOTE,
+    CarriedBase,
+    base_motion_of_table,
+    carried_base,
+)
 
 SIGN_SMOOTHING = 1e-3  # speed within which friction by the plain sign turns [rad/s; m/s]
 
@@ -169,7 +175,7 @@ matters [rad/s²; m/s²]."""
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FeedforwardTorques:
-    """Torques along a motion."""
+    """Torques along a motion of the joints; of a floating base, with what contacts `carried`."""
 
     joints: tuple[Coordinate, ...]
     motion: Motion
@@ -178,6 +184,7 @@ class FeedforwardTorques:
     # what speaks against commanding them: torques beyond the limits of their joints, accelerations
     # that are noise, angles far beyond the limits; and what to do
     warnings: tuple[str, ...] = ()
+    carried: CarriedBase | None = None
 
     def __repr__(self) -> str:
         return f"FeedforwardTorques({len(self.motion)} samples, {len(self.joints)} joints)"
@@ -189,7 +196,16 @@ class FeedforwardTorques:
             for joint, rms, peak in zip(self.joints, self.rms, self.peaks, strict=True)
         )
         notes = (*(f"! {one}" for one in self.warnings), *(f"note: {one}" for one in self.notes))
-        return "\n".join([f"{len(self.motion)} samples", *joints, *notes])
+        return "\n".join([f"{len(self.motion)} samples", *joints, *self.contact_lines, *notes])
+
+    @property
+    def contact_lines(self) -> list[str]:
+        """A line for each contact: the load that it carries, and the friction that it needs."""
+        return [
+            f"{name}: carries {least:.3g} to {most:.3g} N"
+            + (f", needs a friction of {friction:.2f}" if np.isfinite(friction) else "")
+            for name, least, most, friction in (self.carried.loads() if self.carried else ())
+        ]
 
     @property
     def peaks(self) -> Array:
@@ -204,6 +220,9 @@ class FeedforwardTorques:
     def write(self, path: str | Path) -> None:
         """Write a table: `time_s`, then `q_NAME`, `dq_NAME`, `ddq_NAME` and `tau_NAME`, SI units.
 
+        Of a floating base also `force_NAME_x` to `force_NAME_z` of contacts, along its axes, and of
+        soles `moment_NAME_x` to `moment_NAME_z`.
+
         Args:
             path: A name that ends in `.csv` or `.parquet`.
         """
@@ -212,6 +231,9 @@ class FeedforwardTorques:
         for what, samples in values.items():
             for joint, column in zip(self.joints, samples.T, strict=True):
                 columns[f"{what}_{joint.name}"] = column
+        for name, force in (self.carried.forces if self.carried else {}).items():
+            for k, column in enumerate(force.T):
+                columns[f"{('force', 'moment')[k // 3]}_{name}_{'xyz'[k % 3]}"] = column
         write_table(Path(path), columns)
 
     def to_dict(self) -> dict[str, Any]:
@@ -221,6 +243,10 @@ class FeedforwardTorques:
             "duration_s": float(self.motion.t[-1] - self.motion.t[0]),
             "samples": len(self.motion),
             "joints": records(name=names, unit=units, rms=self.rms, peak=self.peaks),
+            "contacts": [
+                {"name": name, "least_n": least, "largest_n": most, "friction": friction}
+                for name, least, most, friction in (self.carried.loads() if self.carried else ())
+            ],
             "notes": list(self.notes),
             "warnings": list(self.warnings),
         }
@@ -235,11 +261,14 @@ def feedforward(
     rate: float = FEEDFORWARD_RATE,
     smoothing: float = SIGN_SMOOTHING,
     as_logged: bool = False,
+    contacts: Sequence[str] | None = None,
+    forces: Mapping[str, ArrayLike] | None = None,
 ) -> FeedforwardTorques:
     """Torques along a desired motion, for a controller that adds them to its own.
 
     Friction is that of the desired velocity. Laws with a smoothing in the robot file keep it;
-    others that jump at zero velocity turn within `smoothing`.
+    others that jump at zero velocity turn within `smoothing`. A floating base is carried by
+    contacts, whose forces are the least that do it unless they are given.
 
     Args:
         model: The model, its `model.json`, or the folder that contains it.
@@ -252,6 +281,11 @@ def feedforward(
         as_logged: Torques in Nm (N) as the robot file reads them from the log: multiplied by the
             estimated effort scales of the model, if it has any. For currents, divide by the robot
             file's gain, as `IdentifiedModel.effort` does.
+        contacts: Contacts of the robot file, by frame, that carry a floating base during the whole
+            motion; all of them if left out.
+        forces: Of the world on frames of a robot with a floating base, instead of the least ones:
+            along the axes of the base, `(N, 3)`, or with the moment about the frame's origin
+            `(N, 6)` [N, Nm].
 
     Raises:
         SteelyardError: A file cannot be used, a joint is missing, or the model's efforts are no
@@ -263,22 +297,38 @@ def feedforward(
         True
     """
     identified = load_model(model)
-    refuse_floating(identified.robot, "feedforward")
     refuse_unknown_gains(identified)
     robot = identified.model.robot
+    if (contacts is not None or forces is not None) and not robot.floating:
+        raise DataError(
+            "contacts carry a robot whose base floats, and this one's is fixed",
+            where="contacts" if forces is None else "forces",
+            fix="leave them out",
+        )
     samples, measured = _samples(motion, joints, robot, rate)
-    torque = feedforward_torque(identified.valued, samples, smoothing)
+    far, up = far_beyond_limits(robot, samples.q), None
+    if robot.floating and not isinstance(motion, Motion):
+        assert identified.signals.base is not None
+        samples, up = base_motion_of_table(identified.signals.base, robot, samples)
+    torque, carried = feedforward_torque(identified.valued, samples, smoothing), None
+    moved = robot.coordinates[robot.n_base :]
+    shared, warnings = tuple[str, ...](), tuple[str, ...]()
+    if robot.floating:
+        carried = carried_base(identified, samples, torque, up, contacts, forces)
+        torque, warnings = carried.torque, tuple(carried.warnings(samples.t))
+        shared = (SHARED_NOTE,) if carried.forces and forces is None else ()
+        joint_rows = (x[:, robot.n_base :] for x in (samples.q, samples.dq, samples.ddq))
+        samples = Motion(samples.t, *joint_rows)
     if as_logged and identified.effort_scales is not None:
         torque = torque * identified.effort_scales.values
         identified = replace(identified, effort_scales=None)
-    far = far_beyond_limits(robot, samples.q)
-    warnings = (
-        (f"{far}: do not command these torques; positions are in rad, convert degrees",)
-        if far
-        else tuple(beyond_limits(robot.coordinates, samples, torque, measured))
-    )
-    notes = remarks_on_torques(identified)
-    return FeedforwardTorques(robot.coordinates, samples, torque, notes, warnings)
+    if far:
+        advice = "do not command these torques; positions are in rad, convert degrees"
+        warnings = (f"{far}: {advice}",)
+    else:
+        warnings += tuple(beyond_limits(moved, samples, torque, measured))
+    notes = (*remarks_on_torques(identified), *shared)
+    return FeedforwardTorques(moved, samples, torque, notes, warnings, carried)
 
 
 def beyond_limits(
