@@ -6,11 +6,13 @@ import numpy as np
 import polars as pl
 import pytest
 from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
 
 import steelyard
 from floating_logs import FLAG, HAND, IMU, JOINTS, axes_at, dog, record, waves
 from steelyard.base.errors import SteelyardError
 from steelyard.base.motion import Motion
+from steelyard.cli.app import app
 from steelyard.estimate.identified_model import IdentifiedModel
 
 
@@ -66,6 +68,11 @@ def test_a_table_has_the_place_of_the_base_in_the_world(
     written = pl.read_csv(tmp_path / "torques.csv")
     assert written.columns[-6:] == [f"{w}_handle_{x}" for w in ("force", "moment") for x in "xyz"]
     assert written.height == len(found.motion)
+    told = ["feedforward", str(model.save(tmp_path / "model")), str(tmp_path / "motion.csv")]
+    told += ["-o", str(tmp_path / "by_command.csv"), "--contacts", "handle", "--contacts"]
+    done = CliRunner().invoke(app, [*told, "fore_foot"])
+    assert done.exit_code == 0 and "handle: carries" in done.output, done.output
+    assert "fore_foot: carries" in done.output
 
 
 def test_several_contacts_share_by_the_least_forces(model: IdentifiedModel, tmp_path: Path) -> None:
