@@ -91,10 +91,10 @@ class Tail:
         return self.base + float(excesses[order][np.searchsorted(share, RATE_CONFIDENCE)])
 
 
-RATE_CONFIDENCE = 0.975
+RATE_CONFIDENCE = 0.99
 """Share of the tail's laws, by how they explain the maxima, for which a threshold suffices. With
-0.95 it was 3 % lower after 50 minutes of free motion, 15 % after four, and simulated arms had as
-many alarms as were stated: a rate is to be an upper bound (`proofs.uses.contact_rates`)."""
+0.95 thresholds were 4 to 7 % lower after 50 minutes of free motion, 27 % after four, and simulated
+arms had as many alarms as stated: a rate is to be an upper bound (`proofs.uses.contact_rates`)."""
 
 RANGES = ("rest", "turning", "slow", "medium", "fast")
 """Ranges of a joint's speed; it is turning where it starts, stops or reverses."""
