@@ -199,7 +199,7 @@ def _notes_on_shapes(
     """Where shapes come from, if not from the model's collision shapes."""
     notes = list[str]()
     if skip:
-        notes.append(Declined(f"workspace limits ignore the links {', '.join(skip)}, as specified"))
+        notes.append(Declined(f"workspace limits ignore the links {', '.join(skip)}"))
     if drawn:
         names = ", ".join(dict.fromkeys(shape.name for shape in drawn))
         notes.append(
