@@ -1,10 +1,11 @@
 """Read-only arrays, and parameters that carry their names and units."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import partial
 from math import isfinite
-from typing import Any, TypeVar
+from types import NoneType, UnionType
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 Key = TypeVar("Key")
 Value = TypeVar("Value")
+Made = TypeVar("Made")
 
 Z95 = 1.959963984540054  # half-width of a 95 % interval in standard deviations
 
@@ -76,6 +78,32 @@ def json_values(value: Any, *, finite: bool = False) -> Any:
 
 
 finite_json = partial(json_values, finite=True)
+
+
+def of_json_values(kind: type[Made], values: Mapping[str, Any]) -> Made:
+    """The dataclass that `json_values` wrote; what is missing has its default, if it has one."""
+    hints, given = get_type_hints(kind), dict[str, Any]()
+    for field in fields(kind):  # type: ignore[arg-type]
+        if field.name == "parameters":
+            given["parameters"] = Parameters(values["names"], values["units"], values["values"])
+        elif field.name in values or field.default is field.default_factory is MISSING:
+            given[field.name] = _of_json(hints[field.name], values[field.name])
+    return kind(**given)
+
+
+def _of_json(hint: Any, value: Any) -> Any:
+    """A value of a field's type."""
+    if get_origin(hint) is UnionType:
+        if value is None:
+            return None
+        (hint,) = (one for one in get_args(hint) if one is not NoneType)
+    if is_dataclass(hint):
+        return of_json_values(hint, value)  # type: ignore[arg-type]
+    if get_origin(hint) is np.ndarray:
+        return frozen(value)
+    if get_origin(hint) is tuple and get_args(hint)[1:] == (Ellipsis,):
+        return tuple(_of_json(get_args(hint)[0], one) for one in value)
+    return value
 
 
 @dataclass(frozen=True)

@@ -13,14 +13,14 @@ left out in turn [Vovk2005] [Barber2021]).
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.base.arrays import Z95, Array, frozen, set_fields
+from steelyard.base.arrays import Z95, Array, frozen, of_json_values, set_fields
 from steelyard.estimate.external.contact_thresholds import ResidualPeaks
 from steelyard.model.model import ValuedModel
 from steelyard.model.torque_and_quantities import FRICTION
@@ -77,24 +77,17 @@ class Calibration:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "Calibration":
         """The calibration that `to_dict` wrote."""
-        factors = np.array(data["factors"], dtype=np.float64)
-        if not (np.isfinite(factors).all() and (factors > 0.0).all()):
-            raise ValueError("a factor of the band's calibration is not a number above zero")
-        if data["left_out"] not in ("runs", "stretches"):
-            raise ValueError(f"a band cannot be calibrated on left-out '{data['left_out']}'")
-        peaks, correlation = data.get("peaks"), data.get("correlation")
-        if correlation is not None:
-            correlation = np.array(correlation, dtype=np.float64)
-            if not (np.linalg.eigvalsh(correlation) > 0.0).all():
-                raise ValueError("the correlation of left-out errors is not positive definite")
-        return cls(
-            data["left_out"],
-            int(data["count"]),
-            np.array(data["speed_edges"]),
-            factors,
-            None if peaks is None else ResidualPeaks.from_dict(peaks),
-            correlation,
+        found = of_json_values(
+            cls, {**data, "kind": data["left_out"], "edges": data["speed_edges"], "peaks": None}
         )
+        if not (np.isfinite(found.factors).all() and (found.factors > 0.0).all()):
+            raise ValueError("a factor of the band's calibration is not a number above zero")
+        if found.kind not in ("runs", "stretches"):
+            raise ValueError(f"a band cannot be calibrated on left-out '{found.kind}'")
+        correlation, peaks = found.correlation, data.get("peaks")
+        if correlation is not None and not (np.linalg.eigvalsh(correlation) > 0.0).all():
+            raise ValueError("the correlation of left-out errors is not positive definite")
+        return replace(found, peaks=None if peaks is None else ResidualPeaks.from_dict(peaks))
 
 
 def bins(speed: Array, moving: NDArray[np.bool_], edges: Array) -> NDArray[np.intp]:

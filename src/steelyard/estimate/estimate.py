@@ -1,12 +1,12 @@
 """What an estimator returns: named numbers, their uncertainty, and what the data did not see."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from steelyard.base.arrays import Z95, Array, Parameters, frozen, json_values
+from steelyard.base.arrays import Z95, Array, Parameters, frozen, json_values, of_json_values
 
 Data = TypeVar("Data", contravariant=True)
 
@@ -69,19 +69,6 @@ class StandardEstimate:
         """Standard deviation of each parameter, shape `(p,)`."""
         return np.sqrt(np.diag(self.covariance))
 
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> "StandardEstimate":
-        """The values that `Estimate.to_dict` wrote."""
-        size = len(data["names"])
-        covariance = frozen(np.reshape(data["covariance"], (size, size)))
-        if not (np.isfinite(data["values"]).all() and np.isfinite(covariance).all()):
-            raise ValueError("a standard parameter or its covariance is not finite")
-        return cls(_from_dict(data), covariance, frozen(data["learned"], (size,)))
-
-
-def _from_dict(data: Mapping[str, Any]) -> Parameters:
-    return Parameters(data["names"], data["units"], data["values"])
-
 
 @dataclass(frozen=True, eq=False)
 class Evolution:
@@ -93,12 +80,6 @@ class Evolution:
     best: Array  # least root mean square error after each generation, shape `(g,)` [Nm; N]
     mean: Array  # its mean over the individuals of each generation, likewise
     least_squares: float  # the same error of least squares without bounds [Nm; N]
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> "Evolution":
-        """The search that `Estimate.to_dict` wrote."""
-        arrays = {name: frozen(data[name]) for name in ("lower", "upper", "best", "mean")}
-        return cls(tuple(data["names"]), **arrays, least_squares=float(data["least_squares"]))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -177,33 +158,16 @@ class Estimate:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "Estimate":
         """The estimate that `to_dict` wrote."""
-        size = len(data["names"])
-        covariance = frozen(np.reshape(data["covariance"], (size, size)))
-        if not np.isfinite(data["values"]).all() or not (np.diag(covariance) >= 0.0).all():
-            raise ValueError("an estimated value is not finite, or a variance is negative")
-        return cls(
-            estimator=data["estimator"],
-            parameters=_from_dict(data),
-            covariance=covariance,
-            blind=tuple(Unidentifiable(b["name"], tuple(b["tied_to"])) for b in data["blind"]),
-            sigma=frozen(data["sigma"]),
-            n_samples=frozen(data["n_samples"]),
-            condition=data["condition"],
-            condition_normalised=data["condition_normalised"],
-            per_run=tuple(
-                RunParameters(own["run"], _from_dict(own), frozen(own["std"]))
-                for own in data["per_run"]
-            ),
-            standard=(
-                None if data["standard"] is None else StandardEstimate.from_dict(data["standard"])
-            ),
-            learned=None if data["learned"] is None else frozen(data["learned"], (size,)),
-            at_bound=tuple(data["at_bound"]),
-            notes=tuple(data["notes"]),
-            removed=tuple(Removed(**one) for one in data.get("removed", ())),
-            known=tuple(data.get("known", ())),
-            evolution=Evolution.from_dict(data["evolution"]) if data.get("evolution") else None,
-        )
+        found = of_json_values(cls, data)
+        parts: list[Estimate | StandardEstimate] = [found]
+        for one in parts + ([] if found.standard is None else [found.standard]):
+            size = len(one.parameters)
+            frozen(one.learned if one.learned is not None else np.ones(size), (size,))
+            covariance = frozen(one.covariance, (size, size))
+            finite = np.isfinite(one.parameters.values).all() and np.isfinite(covariance).all()
+            if not finite or (np.diag(covariance) < 0.0).any():
+                raise ValueError("an estimate or covariance is not finite, or a variance negative")
+        return found
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -241,8 +205,3 @@ class KnownScales:
     def to_dict(self) -> dict[str, Any]:
         """As JSON values; exact."""
         return {"values": self.values.tolist(), "covariance": self.covariance.tolist()}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any], joints: Sequence[str]) -> "KnownScales":
-        """What `to_dict` wrote, of these joints."""
-        return cls(tuple(joints), frozen(data["values"]), frozen(data["covariance"]))

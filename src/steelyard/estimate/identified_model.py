@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from steelyard.base.arrays import Array, json_values
+from steelyard.base.arrays import Array, json_values, of_json_values
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, ModelError, nearest
 from steelyard.base.files import read_json, whole_folder
@@ -72,8 +72,8 @@ class Provenance:
 
     version: str
     inputs: Mapping[str, str]  # role and name of every file to its SHA-256
-    runs: tuple[str, ...]  # the runs that were fitted, with their cuts
-    notes: tuple[str, ...]  # assumptions and automatic choices, for display
+    runs: tuple[str, ...] = ()  # the runs that were fitted, with their cuts
+    notes: tuple[str, ...] = ()  # assumptions and automatic choices, for display
     # what checks doubt of the fit: it qualifies every verdict on the model; texts by name
     doubts: tuple[Mapping[str, str], ...] = ()
 
@@ -338,23 +338,21 @@ class IdentifiedModel(Dynamics):
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "IdentifiedModel":
         """The identified model that `to_dict` wrote."""
-        origin, calibrated = data["provenance"], data.get("calibration")
-        scales, model = data.get("effort_scales"), Model.from_dict(data["model"])
-        joints = model.robot.joint_names
+        model, calibrated = Model.from_dict(data["model"]), data.get("calibration")
+        if (scales := data.get("effort_scales")) is not None:
+            scales = of_json_values(KnownScales, {**scales, "joints": model.robot.joint_names})
         return cls(
             model=model,
             base=BaseMap.from_dict(data["base"]),
             estimate=Estimate.from_dict(data["estimate"]),
             reference=tuple(Estimate.from_dict(e) for e in data["reference"]),
             signals=signals_from_dict(data["signals"]),
-            cutoffs=Cutoffs(**data["cutoffs_hz"]),
+            cutoffs=of_json_values(Cutoffs, data["cutoffs_hz"]),
             processing=Processing.from_dict(data["processing"]),
             motions=tuple(MotionSamples.from_dict(m) for m in data.get("motions", ())),
-            provenance=Provenance(
-                **origin | {n: tuple(origin.get(n, ())) for n in ("runs", "notes", "doubts")}
-            ),
+            provenance=of_json_values(Provenance, data["provenance"]),
             calibration=None if calibrated is None else Calibration.from_dict(calibrated),
-            effort_scales=None if scales is None else KnownScales.from_dict(scales, joints),
+            effort_scales=scales,
         )
 
     def text(self) -> str:

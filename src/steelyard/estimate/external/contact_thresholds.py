@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array, finite_json, frozen
+from steelyard.base.arrays import Array, finite_json, frozen, of_json_values
 from steelyard.symbolic.native.compiled_programs import recurrence
 
 SHAPE = (0.1, 0.2)  # mean and standard deviation of the tail's shape before the data
@@ -195,11 +195,12 @@ class ResidualPeaks:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "ResidualPeaks":
         """The peaks that `to_dict` wrote."""
-        edges = np.array(data["speed_edges"], dtype=np.float64)
-        shape = (len(edges), len(TESTS))
-        maxima = tuple(tuple(frozen(row) for row in rows) for rows in data["maxima"])
-        visits, seconds = (frozen(data[name], shape) for name in ("visits", "seconds"))
-        return cls(frozen(edges), float(data["cutoff_hz"]), maxima, visits, seconds)
+        found = of_json_values(
+            cls, {**data, "edges": data["speed_edges"], "cutoff": data["cutoff_hz"]}
+        )
+        for numbers in (found.visits, found.seconds):
+            frozen(numbers, (len(found.edges), len(TESTS)))
+        return found
 
 
 @dataclass(frozen=True, eq=False)
