@@ -8,9 +8,10 @@ import pytest
 from drawn import motion_of, samples_of
 from invented import dh_arm, single
 from steelyard.base.errors import DataError
+from steelyard.estimate.covariance_and_band_widths import covariance_root
 from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
-from steelyard.estimate.least_squares.errors_in_variables import MotionNoise, motion_roots, slopes
+from steelyard.estimate.least_squares.errors_in_variables import MotionNoise, slopes
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.model.laws.friction_over_speed import Viscous
 from steelyard.model.laws.laws_without_friction import RigidBody
@@ -39,13 +40,13 @@ def test_roots_make_up_the_covariance() -> None:
     rng = np.random.default_rng(0)
     half = rng.normal(size=(4, 3, 3)) * np.array([1e-6, 1e-3, 1.0])[:, None]
     covariance = half @ half.transpose(0, 2, 1)
-    roots = motion_roots(covariance)
+    roots = covariance_root(covariance)
     assert np.allclose(roots @ roots.transpose(0, 2, 1), covariance, rtol=1e-9, atol=1e-30)
 
 
 def test_variances_are_those_of_drawn_motions() -> None:
     samples, truth = noisy(0, 1e-3, count=5), truth_of(SMOOTH)
-    root = motion_roots(np.diag([1e-6, 4e-6, 1e-4]) * np.ones((3, 1, 1)))
+    root = covariance_root(np.diag([1e-6, 4e-6, 1e-4]) * np.ones((3, 1, 1)))
     variances, _ = slopes(SMOOTH, samples, [root], truth)
     rng = np.random.default_rng(0)
     for k in range(5):
@@ -60,7 +61,7 @@ def test_variances_are_those_of_drawn_motions() -> None:
 
 def test_bends_are_half_the_change_of_the_variances() -> None:
     samples, truth = noisy(0, 1e-3, count=7), truth_of(SMOOTH)
-    roots = [motion_roots(np.eye(3) * np.full((3, 1, 1), 1e-4))]
+    roots = [covariance_root(np.eye(3) * np.full((3, 1, 1), 1e-4))]
     _, bends = slopes(SMOOTH, samples, roots, truth)
     for column in (0, 4, 9):
         step = np.zeros(len(truth))

@@ -80,7 +80,7 @@ class LocalParameters:
         n = robot.n
         values = identified.estimate.parameters.as_dict()
         self.values = np.array([values.get(name, 0.0) for name in layout.columns])
-        self.covariance = _covariance(identified, layout)  # of these, `(p, p)`
+        self.covariance = identified.estimate.covariance_of(layout.columns)  # of these, `(p, p)`
         groups = dict.fromkeys(layout.columns, BODIES)
         for term in model.terms:
             for parameter in term.parameters(robot):
@@ -186,14 +186,3 @@ class LocalParameters:
         each = np.tile(EXPECTED, (len(self.joints), 1))
         each[:, OFFSET] *= np.where(friction > 0.0, friction, 1.0)
         return np.concatenate([each.ravel(), EXPECTED_PAYLOAD])
-
-
-def _covariance(identified: IdentifiedModel, layout: Layout) -> Array:
-    """Covariance of the model's values in the order of a layout; zero of those it has not."""
-    estimate = identified.estimate
-    place = {name: k for k, name in enumerate(estimate.parameters.names)}
-    there = [k for k, name in enumerate(layout.columns) if name in place]
-    own = [place[layout.columns[k]] for k in there]
-    found = np.zeros((len(layout.columns), len(layout.columns)))
-    found[np.ix_(there, there)] = estimate.covariance[np.ix_(own, own)]
-    return found

@@ -147,11 +147,11 @@ class EffortUncertainty:
 
 
 def covariance_root(covariance: Array) -> Array:
-    """A factor of a covariance that rounding may have made slightly indefinite."""
-    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    scale = np.where(std > 0.0, std, 1.0)
-    values, vectors = np.linalg.eigh(covariance / scale[:, None] / scale)
-    return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+    """Factors `(..., c, c)` of covariances that rounding may have made slightly indefinite."""
+    std = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 0.0))
+    scale = np.where(std > 0.0, std, 1.0)[..., None]
+    values, vectors = np.linalg.eigh(covariance / scale / scale.swapaxes(-1, -2))
+    return np.asarray(scale * vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :])
 
 
 SLOW = 0.02  # speed at which the dead zone is taken [rad/s; m/s]

@@ -1,7 +1,7 @@
 """What an estimator returns: named numbers, their uncertainty, and what the data did not see."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -51,8 +51,37 @@ class RunParameters:
     std: Array
 
 
+class _Estimated:
+    """Parameters with a covariance."""
+
+    parameters: Parameters
+    covariance: Array  # shape `(p, p)`
+
+    @property
+    def std(self) -> Array:
+        """Standard deviation of each parameter, shape `(p,)`."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def covariance_of(self, names: Sequence[str]) -> Array:
+        """Covariance of parameters by name, `(k, k)`; zero of those that are not here."""
+        known = {name: k for k, name in enumerate(self.parameters.names)}
+        places = [known.get(name, -1) for name in names]
+        return np.asarray(np.pad(self.covariance, (0, 1))[np.ix_(places, places)])
+
+    def _without(self, names: Collection[str]) -> dict[str, Any]:
+        """Fields without some of the parameters."""
+        kept = [k for k, name in enumerate(self.parameters.names) if name not in names]
+        covariance = frozen(self.covariance[np.ix_(kept, kept)])
+        learned: Array | None = getattr(self, "learned", None)
+        return {
+            "parameters": self.parameters.of(kept),
+            "covariance": covariance,
+            "learned": None if learned is None else frozen(learned[kept]),
+        }
+
+
 @dataclass(frozen=True, eq=False)
-class StandardEstimate:
+class StandardEstimate(_Estimated):
     """Values of all standard parameters, as data and prior together have them.
 
     `learned` is the share of each parameter's knowledge that comes from the data, 0 to 1, shape
@@ -64,10 +93,9 @@ class StandardEstimate:
     covariance: Array  # shape `(p, p)`
     learned: Array
 
-    @property
-    def std(self) -> Array:
-        """Standard deviation of each parameter, shape `(p,)`."""
-        return np.sqrt(np.diag(self.covariance))
+    def without(self, names: Collection[str]) -> "StandardEstimate":
+        """The values without those of some parameters."""
+        return StandardEstimate(**self._without(names))
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +111,7 @@ class Evolution:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Estimate:
+class Estimate(_Estimated):
     """Estimated base parameters.
 
     Attributes:
@@ -142,14 +170,15 @@ class Estimate:
         return self.parameters if self.standard is None else self.standard.parameters
 
     @property
-    def std(self) -> Array:
-        """Standard deviation of each parameter, shape `(p,)`."""
-        return np.sqrt(np.diag(self.covariance))
-
-    @property
     def half_width(self) -> Array:
         """Half-width of the 95 % intervals, shape `(p,)`."""
         return Z95 * self.std
+
+    def without(self, names: Collection[str]) -> "Estimate":
+        """The estimate without some of its base parameters; standard ones stay."""
+        blind = tuple(one for one in self.blind if one.name not in names)
+        bound = tuple(name for name in self.at_bound if name not in names)
+        return replace(self, **self._without(names), blind=blind, at_bound=bound)
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values; exact."""

@@ -231,11 +231,7 @@ class IdentifiedModel(Dynamics):
         estimate, base = self.estimate, self.base
         if estimate.standard is not None:
             return np.asarray(base.lift @ estimate.standard.covariance @ base.lift.T)
-        place = {name: k for k, name in enumerate(base.base_names)}
-        mine = [place[name] for name in estimate.parameters.names]
-        result = np.zeros((len(base), len(base)))
-        result[np.ix_(mine, mine)] = estimate.covariance
-        return result
+        return estimate.covariance_of(base.base_names)
 
     def residual_std(self, bandwidth: float) -> Array:
         """Standard deviation of residuals behind a low-pass, shape `(n,)` [Nm; N].

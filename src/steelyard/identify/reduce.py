@@ -11,7 +11,6 @@ from typing import Literal
 
 import numpy as np
 
-from steelyard.base.arrays import frozen
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, ModelError, advice
 from steelyard.base.progress import Progress, silent
@@ -21,7 +20,7 @@ from steelyard.estimate.consistent.prior_weight_and_contradictions import (
     contradictions,
     refuse_contradictions,
 )
-from steelyard.estimate.estimate import Estimate, StandardEstimate
+from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.estimate.information import base_parameters_and_regressor as regression
 from steelyard.estimate.information.information import Information
@@ -379,17 +378,11 @@ def _with_bodies(
         del possible[clashing[-1]]
     rows = (*knowledge.rows, *possible.values())
     estimate = Consistent(base, replace(knowledge, rows=rows), equal=equal)(information)
-    at = [k for k, name in enumerate(estimate.parameters.names) if name not in possible]
-    learned = estimate.learned
     positive = [name for name in zeros if name not in possible]
     notes = (f"cannot be zero for valid inertias, so estimated: {', '.join(positive)}",)
     return replace(
-        estimate,
+        estimate.without(possible),
         estimator=f"reduced {estimate.estimator}",
-        parameters=estimate.parameters.of(at),
-        covariance=frozen(estimate.covariance[np.ix_(at, at)]),
-        learned=None if learned is None else frozen(learned[at]),
-        at_bound=tuple(name for name in estimate.at_bound if name not in possible),
         removed=tuple(one for one in found.estimate.removed if one.name not in positive),
         notes=(*estimate.notes, *(notes if positive else ())),
     )
@@ -407,15 +400,10 @@ def _without_empty_terms(identified: IdentifiedModel) -> IdentifiedModel:
     smaller = Model(model.robot, tuple(term for term in model.terms if not empty(term)))
     if smaller.terms == model.terms or not smaller.terms:
         return identified
-    base, names = regression.base_parameters(smaller), set(smaller.names)
-    gone = set(model.names) - names
+    base, gone = regression.base_parameters(smaller), {*model.names} - {*smaller.names}
     if base.base_names != tuple(n for n in identified.base.base_names if n not in gone):
         return identified
-    standard = estimate.standard
-    if standard is not None:
-        at = [k for k, name in enumerate(standard.parameters.names) if name in names]
-        numbers = standard.covariance[np.ix_(at, at)], standard.learned[at]
-        standard = StandardEstimate(standard.parameters.of(at), *map(frozen, numbers))
+    standard = None if estimate.standard is None else estimate.standard.without(gone)
     return replace(
         identified, model=smaller, base=base, estimate=replace(estimate, standard=standard)
     )

@@ -256,12 +256,7 @@ def friction_curves(
     [rad/s; m/s].
     """
     names, estimate = identified.model.friction_names, identified.estimate
-    known, full = estimate.parameters.names, estimate.covariance
-    if estimate.standard is not None:
-        known, full = estimate.standard.parameters.names, estimate.standard.covariance
-    # zero of parameters that were not identified
-    places = [known.index(name) if name in known else -1 for name in names]
-    covariance = np.pad(full, ((0, 1), (0, 1)))[np.ix_(places, places)]
+    covariance = (estimate.standard or estimate).covariance_of(names)
     curves = []
     for j, joint in enumerate(identified.joints):
         speed = fastest[j] * np.linspace(1.0, 0.5 / GRID, GRID) ** DENSITY

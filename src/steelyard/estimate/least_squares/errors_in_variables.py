@@ -23,6 +23,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
+from steelyard.estimate.covariance_and_band_widths import covariance_root
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.base_parameters_and_regressor import Regressor
 from steelyard.estimate.information.information import Information
@@ -43,21 +44,15 @@ from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
 BLOCK = 256  # instants evaluated at once, each with every joint moved six ways
 
 
-def motion_roots(covariance: Array) -> Array:
-    """Roots of each joint's covariance of `q, dq, ddq`, `(n, 3, 3)`: one in each last column."""
-    scale = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 1e-300))
-    values, vectors = np.linalg.eigh(covariance / scale[:, :, None] / scale[:, None, :])
-    return np.asarray(scale[:, :, None] * vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])
-
-
 def slopes(
     regressor: Regressor, samples: FilteredSamples, roots: Sequence[Array], values: Array
 ) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
     """Variance of the torque through noise of the motion per effort row, `(N_j,)`, in its unit.
 
     And half the change of that with the parameters, `(N_j, k_j)`. What was computed along the
-    motion, such as states of friction with memory, stays as it is. Roots are those of every source,
-    see `motion_roots`; values are those of all columns, `(p,)`.
+    motion, such as states of friction with memory, stays as it is. Roots are those of each joint's
+    covariance of `q, dq, ddq`, of every source, `(n, 3, 3)`: one in each last column; values are
+    those of all columns, `(p,)`.
     """
     layout, variances = regressor.layout, np.zeros((len(samples.rows), len(samples)))
     bends = [np.zeros((len(samples), row.shape[1] - 1)) for row in samples.rows]
@@ -128,7 +123,7 @@ class MotionNoise:
                 wrong = "the propagation of position noise to the motion is unknown"
                 fix = "gather the samples from a run, whose filters are known"
                 raise DataError(wrong, where=source.run, fix=fix)
-            roots.append(motion_roots(source.error.covariance()))
+            roots.append(covariance_root(source.error.covariance()))
         problem = _Problem.of(self.regressor, samples, start, roots)
         state = problem.likeliest(problem.at(problem.first, np.square(start.sigma)))
         for count in range(1, self.rounds + 1):

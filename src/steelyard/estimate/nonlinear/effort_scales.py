@@ -29,7 +29,7 @@ from steelyard.base.arrays import Z95, Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.consistent.convex_estimator import Consistent, root_of_inverse
-from steelyard.estimate.estimate import Estimate, KnownScales, StandardEstimate
+from steelyard.estimate.estimate import Estimate, KnownScales
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.normal_equations import condition_of, unit_length
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import whitened
@@ -146,10 +146,12 @@ class Scaled:
         """
         logged = information.scaled(scales.values, information.signature.effort)
         wide = replace(self._wide(scales), gamma=scales.gamma or None)
-        found = _without(wide(self._extended(logged, scales)), self._names)
+        found = wide(self._extended(logged, scales))
+        standard = None if found.standard is None else found.standard.without(self._names)
         own = whitened(information, equal=self.estimator.equal).fit.solution
         return replace(
-            found,
+            found.without(self._names),
+            standard=standard,
             condition=condition_of(own.normal),
             condition_normalised=condition_of(unit_length(own.normal)[0]),
         )
@@ -175,27 +177,6 @@ class Scaled:
         )
         base = self.estimator.base.beside(names, ["1"] * n)
         return replace(self.estimator, base=base, knowledge=knowledge)
-
-
-def _without(estimate: Estimate, names: tuple[str, ...]) -> Estimate:
-    """The estimate without some of its parameters."""
-    if estimate.standard is None or estimate.learned is None:
-        raise ValueError("a consistent estimate has standard parameters")
-    kept = [k for k, name in enumerate(estimate.parameters.names) if name not in names]
-    whole = estimate.standard
-    rest = [k for k, name in enumerate(whole.parameters.names) if name not in names]
-    return replace(
-        estimate,
-        parameters=estimate.parameters.of(kept),
-        covariance=frozen(estimate.covariance[np.ix_(kept, kept)]),
-        blind=tuple(blind for blind in estimate.blind if blind.name not in names),
-        learned=frozen(estimate.learned[kept]),
-        standard=StandardEstimate(
-            whole.parameters.of(rest),
-            frozen(whole.covariance[np.ix_(rest, rest)]),
-            frozen(whole.learned[rest]),
-        ),
-    )
 
 
 CHANCE = 1e-3  # probability of a distance as great or greater at which the data ask for scales

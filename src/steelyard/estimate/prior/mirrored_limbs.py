@@ -161,9 +161,8 @@ def compared_sides(base: BaseMap, robot: Robot, estimate: Estimate, plane: Plane
     image, lift = _image(base, robot, pairs), base.lift
     known = estimate.parameters.as_dict()
     at = [k for k, name in enumerate(base.base_names) if name in known]
-    values = np.array([known[base.base_names[k]] for k in at])
-    order = [estimate.parameters.names.index(base.base_names[k]) for k in at]
-    covariance = estimate.covariance[np.ix_(order, order)]
+    names = [base.base_names[k] for k in at]
+    values, covariance = np.array([known[n] for n in names]), estimate.covariance_of(names)
     once = {name for k in _first(pairs) for name in (robot.bodies[k].name, robot.bodies[k].joint)}
     found = []
     for place, k in enumerate(at):

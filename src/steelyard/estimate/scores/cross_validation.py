@@ -71,12 +71,11 @@ def folds_of(runs: Sequence[Run]) -> tuple[Fold, ...]:
     """One fold per run; a single run is divided into `FOLDS` stretches of equal length."""
     _refuse_one_name(runs)
     if len(runs) > 1:
-        return tuple(_of_run(run.name) for run in runs)
+        return tuple(_within({run.name: WHOLE}) for run in runs)
     return tuple(_within({w.run: (w.start, w.stop)}) for w in stretches_of(runs[0]))
 
 
-def _of_run(name: str) -> Fold:
-    return lambda window: window.run == name
+WHOLE = (-np.inf, np.inf)  # start and stop of a run that is a fold as a whole
 
 
 def _within(spans: Mapping[str, tuple[float, float]]) -> Fold:
@@ -107,7 +106,7 @@ class Folding:
     def parts(self, moving: Information) -> tuple[Fold, ...]:
         """The parts with motion: runs, or stretches with as much of it each."""
         if self.left_out == "run":
-            return tuple(_of_run(name) for name in moving.windows_of_runs)
+            return tuple(_within({name: WHOLE}) for name in moving.windows_of_runs)
         edges = {}
         for name, mine in moving.windows_of_runs.items():  # stretches with as much motion each
             before = np.cumsum([0.0, *moving.counts[mine].sum(axis=1)])

@@ -117,11 +117,8 @@ def residual_blocks(
         if block.t[0] - start > LONGEST:
             return
         predicted = valued.block(block.q, block.dq, block.ddq, block.channels)
-        residual = gains[:, None] * block.effort - predicted
-        if run.has_unknown_forces:
-            explained = run.with_forces(block, predicted / gains[:, None])
-            residual = gains[:, None] * (block.effort - explained)
-        yield block, predicted, residual
+        explained = run.with_forces(block, predicted / gains[:, None])
+        yield block, predicted, gains[:, None] * (block.effort - explained)
 
 
 def noise_floor(signals: Array, rate: float, cutoff: float) -> Array:
@@ -225,10 +222,8 @@ def residual_trace(
             predicted = split.block(block)
             predicted[FRICTION] *= block.moving | identified.model.has_memory
             measured = gains * block.effort
-            residual = measured - predicted.sum(axis=0)
-            if run.has_unknown_forces:
-                explained = run.with_forces(block, predicted.sum(axis=0) / gains)
-                residual = measured - gains * explained
+            explained = run.with_forces(block, predicted.sum(axis=0) / gains)
+            residual = measured - gains * explained
             sliding = predicted[FRICTION] * block.moving
             kept = np.stack([residual, measured, predicted[GRAVITY], sliding])
             parts.append((block.t, kept, block.dq))
