@@ -19,7 +19,6 @@ from steelyard.estimate.least_squares.known_bounded_and_ridge import (
     BoundedLeastSquares,
     Bounds,
     optimum_within,
-    refuse_bad_bounds,
     residual_squares,
 )
 from steelyard.estimate.least_squares.normal_equations import Fit, inverse_of_gram
@@ -52,7 +51,6 @@ class Box:
         not hold: they are left out.
         """
         solution, columns = data.fit.solution, data.fit.data.whole.layout.columns
-        refuse_bad_bounds(bounds, columns)
         tied = {name for blind in solution.blind for name in blind.tied_to}
         names = tuple(columns[k] for k in solution.kept)
         free = (-np.inf, np.inf)

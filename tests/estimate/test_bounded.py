@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from invented import single
-from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.estimator_register import ESTIMATORS, Context
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
@@ -98,14 +97,6 @@ def test_parameters_of_single_runs_stay_theirs() -> None:
         assert mine.run == theirs.run
         assert np.allclose(mine.parameters.values, theirs.parameters.values, rtol=1e-8)
         assert np.allclose(mine.std, theirs.std, rtol=1e-5)
-
-
-def test_bad_bounds_are_named() -> None:
-    data, _, _ = information()
-    with pytest.raises(DataError, match="no column 'colomb'"):
-        BoundedLeastSquares({"colomb": (0.0, 1.0)})(data)
-    with pytest.raises(DataError, match=f"bounds of '{COULOMB}' are empty: 1 to 0"):
-        BoundedLeastSquares({COULOMB: (1.0, 0.0)})(data)
 
 
 def test_bounds_of_base_parameters_follow_from_those_in_them() -> None:

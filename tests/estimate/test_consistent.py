@@ -336,11 +336,6 @@ def test_the_estimate_survives_json() -> None:
     assert again.values.as_dict() == estimate.values.as_dict()
 
 
-def test_a_weight_of_nothing_is_refused() -> None:
-    with pytest.raises(ValueError, match="weight of the prior is positive"):
-        Consistent(REGRESSOR.base, known(), gamma=0.0)
-
-
 def test_active_bounds_of_friction_are_named_with_what_they_cost() -> None:
     friction = {name: -1.0 for name in MODEL.names if name.startswith("coulomb.")}
     notes = Consistent(REGRESSOR.base, known())(information_of(0.1, truth=TRUTH | friction)).notes

@@ -7,7 +7,6 @@ import pytest
 
 from drawn import motion_of, samples_of
 from invented import dh_arm, single
-from steelyard.base.errors import DataError
 from steelyard.estimate.covariance_and_band_widths import covariance_root
 from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
@@ -129,13 +128,6 @@ def test_the_share_of_the_motion_is_noted() -> None:
 
 def test_what_did_not_converge_says_so() -> None:
     assert "not converged after 1 steps" in MotionNoise(SMOOTH, rounds=1)(noisy(0, 0.1)).notes
-
-
-def test_samples_without_filters_are_refused() -> None:
-    samples = noisy(0, 0.01)
-    bare = replace(samples, sources=(replace(samples.sources[0], error=None),))
-    with pytest.raises(DataError, match="the propagation of position noise"):
-        MotionNoise(SMOOTH)(bare)
 
 
 def test_parameters_of_runs_stay_as_least_squares_has_them() -> None:

@@ -5,7 +5,6 @@ import pytest
 
 from drawn import motion_of, samples_of
 from invented import single, tree
-from steelyard.base.errors import DataError
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import (
@@ -101,9 +100,3 @@ def test_intervals_hold_the_truth_where_nothing_drifts() -> None:
         inside += int(np.sum(np.abs(found.parameters.values - track[0]) <= found.half_width))
         total += len(found.parameters)
     assert 0.92 < inside / total < 0.98
-
-
-@pytest.mark.parametrize("forgetting", [0.0, -1.0, 1.01, float("nan")])
-def test_a_forgetting_that_is_none_is_refused(forgetting: float) -> None:
-    with pytest.raises(DataError, match="per second is not valid"):
-        Recursive(forgetting)

@@ -419,7 +419,6 @@ def test_the_estimate_is_weighted_least_squares_of_what_is_left_and_is_read_agai
     ("make", "kind", "words"),
     [
         (lambda: rule_of("tolerance=0"), ModelError, "is no number"),
-        (lambda: within_tolerance(0.0), ModelError, "the tolerance is 0 %"),
         (lambda: rule_of("count"), ModelError, "is no number"),
         (lambda: rule_of("count=2.5"), ModelError, "is no number"),
         (lambda: rule_of("bic=3"), ModelError, "takes no number"),

@@ -82,10 +82,6 @@ class Consistent:
     equal: bool = False  # whether all rows weigh the same, whatever their noise
     iterations: int = MOST_ITERATIONS  # after which the solver gives up
 
-    def __post_init__(self) -> None:
-        if self.gamma is not None and not self.gamma > 0.0:
-            raise ValueError("a weight of the prior is positive; the form `Free` takes none")
-
     def __call__(self, information: Information) -> Estimate:
         """Estimate all standard parameters."""
         data = whitened(information, self.per_run, equal=self.equal)

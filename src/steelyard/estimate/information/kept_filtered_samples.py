@@ -27,11 +27,11 @@ WINDOWS = 24  # windows that a run's samples are summed up in
 
 @dataclass(frozen=True, eq=False)
 class SampledRun:
-    """A run that samples come from, and the noise of its motion behind the filters, if known."""
+    """A run that samples come from, and the noise of its motion behind the filters."""
 
     run: str
     share: float  # independent samples that a stored one is worth
-    error: MotionError | None = None
+    error: MotionError
 
 
 @dataclass(frozen=True, eq=False)

@@ -117,13 +117,7 @@ class MotionNoise:
             )
         start = WeightedLeastSquares(per_run=self.per_run)(samples.information())
         refuse_few(samples.information(), len(start.parameters), FREEDOM)
-        roots = []
-        for source in samples.sources:
-            if source.error is None:
-                wrong = "the propagation of position noise to the motion is unknown"
-                fix = "gather the samples from a run, whose filters are known"
-                raise DataError(wrong, where=source.run, fix=fix)
-            roots.append(covariance_root(source.error.covariance()))
+        roots = [covariance_root(source.error.covariance()) for source in samples.sources]
         problem = _Problem.of(self.regressor, samples, start, roots)
         state = problem.likeliest(problem.at(problem.first, np.square(start.sigma)))
         for count in range(1, self.rounds + 1):

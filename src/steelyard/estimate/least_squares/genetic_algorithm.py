@@ -20,7 +20,6 @@ from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.covariance_from_residuals import covariances, scatter
 from steelyard.estimate.least_squares.known_bounded_and_ridge import (
     base_bounds,
-    refuse_bad_bounds,
     residual_squares,
 )
 from steelyard.estimate.least_squares.normal_equations import (
@@ -196,6 +195,5 @@ class Genetic:
                 f'"{missing[0].split(".")[0]}.*", lower = 0.0, upper = 2.0; those of links follow '
                 "from the masses of the model file or of [prior.links] where these are known",
             )
-        refuse_bad_bounds(bounds, names)
         lower, upper = np.array([bounds[name] for name in names]).T
         return lower, upper

@@ -127,20 +127,6 @@ def residual_squares(fit: Fit, values: Array) -> Array:
     return total
 
 
-def refuse_bad_bounds(bounds: Bounds, columns: tuple[str, ...]) -> None:
-    """Bounds must be of known columns and leave room."""
-    for name, (lower, upper) in bounds.items():
-        if name not in columns:
-            wrong = f"there is no column '{name}' that could be bounded"
-            fix = f"its columns are {', '.join(columns[:12])}, ..."
-        elif not lower < upper:
-            wrong = f"the bounds of '{name}' are empty: {lower:g} to {upper:g}"
-            fix = "give a lower bound below the upper one, or leave the term out of the model"
-        else:
-            continue
-        raise DataError(wrong, where="bounds of the parameters", fix=fix)
-
-
 @dataclass(frozen=True)
 class BoundedLeastSquares:
     """Weighted least squares within bounds; intervals are those without them, if anything wide.
@@ -157,7 +143,6 @@ class BoundedLeastSquares:
         """Estimate all columns that the data see."""
         problem, columns = whitened(information, self.per_run), information.layout.columns
         fit, old = problem.fit, problem.fit.solution
-        refuse_bad_bounds(self.bounds, columns)
         tied = {name for blind in old.blind for name in blind.tied_to}
         names, free = [columns[k] for k in old.kept], (-np.inf, np.inf)
         ends = [free if name in tied else self.bounds.get(name, free) for name in names]

@@ -67,15 +67,9 @@ class Runs:
     @classmethod
     def of(cls, information: Information, per_run: Sequence[str]) -> "Runs":
         """Split information where columns belong to single runs."""
-        columns = information.layout.columns
-        for name in per_run:
-            if name not in columns:
-                wrong = f"there is no column '{name}' that could be estimated per run"
-                fix = f"its columns are {', '.join(columns[:12])}, ..."
-                raise DataError(wrong, where="parameters per run", fix=fix)
         if not per_run:
             return cls(information, (information,), ())
-        groups = information.windows_of_runs.values()
+        groups, columns = information.windows_of_runs.values(), information.layout.columns
         runs = tuple(information.grouped([group]) for group in groups)
         return cls(information, runs, tuple(columns.index(name) for name in per_run))
 

@@ -22,7 +22,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate, Estimator
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.kept_filtered_samples import FilteredSamples
@@ -120,12 +119,6 @@ class Recursive:
     # weight, after a second of further data, of what was learned before, above 0 and up to 1; with
     # 1 nothing fades, and the estimate is that of weighted least squares of all windows
     forgetting: float = 1.0
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.forgetting <= 1.0:
-            wrong = f"a forgetting factor of {self.forgetting:g} per second is not valid"
-            fix = "give a weight above 0 and up to 1, such as 0.98"
-            raise DataError(wrong, where="recursive least squares", fix=fix)
 
     def __call__(self, information: Information) -> Estimate:
         """The estimate after all windows, in their order."""

@@ -64,8 +64,6 @@ class Knowledge:
     def __post_init__(self) -> None:
         for name in ("lower", "upper"):
             object.__setattr__(self, name, frozen(getattr(self, name), (len(self.names),)))
-        if len(self.priors) != len(self.bodies):
-            raise ValueError(f"{len(self.priors)} priors for {len(self.bodies)} bodies")
 
     @cached_property
     def of_bodies(self) -> NDArray[np.bool_]:

@@ -108,9 +108,6 @@ def within_tolerance(
     motion too. With samples it is algorithm 1 as it is printed: their mean absolute errors, of the
     fitted motion alone.
     """
-    if not tolerance > 0.0:
-        fix = "give a percentage above zero, such as tolerance=5"
-        raise ModelError(f"the tolerance is {100.0 * tolerance:g} %", where=WHERE, fix=fix)
 
     def choose(path: Path, left_out: LeftOutErrors | None) -> int:
         if samples is not None:
