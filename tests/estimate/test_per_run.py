@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from invented import tree
-from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.base_parameters_and_regressor import base_regressor
 from steelyard.estimate.information.filter_and_gram import Accumulator, Stretch
@@ -263,13 +262,6 @@ def test_without_any_nothing_changes() -> None:
     np.testing.assert_allclose(matrix, information.normal()[0], rtol=1e-14, atol=1e-12)
     np.testing.assert_array_equal(vector, information.normal()[1])
     np.testing.assert_array_equal(squares, np.diag(information.normal()[0]))
-
-
-def test_an_unknown_column_is_refused() -> None:
-    with pytest.raises(DataError, match=r"there is no column 'offset\.tpi'") as caught:
-        OrdinaryLeastSquares(per_run=("offset.tpi",))(one_run(0).information)
-    assert caught.value.where == "parameters per run"
-    assert COLUMNS[0] in caught.value.fix
 
 
 def test_round_trip_is_exact() -> None:

@@ -192,19 +192,24 @@ def added_up(parts: RememberedParts, used: Sequence[int], names: Sequence[str]) 
 
     Efforts are in the units of the joints.
     """
-    gains, units = parts.reference.signals.gains, parts.reference.model.robot.effort_units
     size, groups = -(-len(used) // MOST_WINDOWS), list[Information]()
     apart = len(used) * WINDOWS_OF_PART <= MOST_WINDOWS
     for first in range(0, len(used), size):
-        group = list[Information]()
-        for number in used[first : first + size]:
-            one = parts.read(number)[1]
-            assert one is not None  # those that are used have sums
-            windows = tuple(replace(window, run=names[number]) for window in one.windows)
-            group.append(replace(one, windows=windows).scaled(gains, units))
-        whole = reduce(add, group)
+        whole = reduce(add, _sums(parts, used[first : first + size], names))
         groups.append(whole if apart else whole.grouped([range(len(whole.windows))]))
     return reduce(add, groups)
+
+
+def _sums(
+    parts: RememberedParts, used: Sequence[int], names: Sequence[str]
+) -> Iterator[Information]:
+    """Sums of the parts that are used, which have some, under their names."""
+    gains, units = parts.reference.signals.gains, parts.reference.model.robot.effort_units
+    for number in used:
+        one = parts.read(number)[1]
+        assert one is not None
+        windows = tuple(replace(window, run=names[number]) for window in one.windows)
+        yield replace(one, windows=windows).scaled(gains, units)
 
 
 def _logs(parts: RememberedParts, used: Sequence[int]) -> str:
@@ -217,12 +222,8 @@ def _errors(
     parts: RememberedParts, used: Sequence[int], names: Sequence[str], values: Array
 ) -> str:
     """How far efforts are from the model in all logs, also those that no score is of."""
-    gains, units = parts.reference.signals.gains, parts.reference.model.robot.effort_units
     errors = list[float]()
-    for number in used:
-        one = parts.read(number)[1]
-        assert one is not None
-        one = one.scaled(gains, units)
+    for one in _sums(parts, used, names):
         squares = one.residual_squares(values).sum() / max(one.effort_squares().sum(), 1e-300)
         errors.append(100.0 * float(np.sqrt(squares)))
     worst = sorted(range(len(used)), key=lambda k: -errors[k])[:MOST_NAMED]

@@ -28,6 +28,7 @@ NORMALS: dict[Plane, int] = {"xy": 2, "xz": 1, "yz": 0}
 
 FAR = 2e-3  # distance of a joint from the image of another up to which they are a pair [m]
 ALIKE = 1e-3  # difference of directions, likewise
+TINY = 1e-12  # factor of an image that is rounding
 OF_JOINTS = ("rotor_inertia", "coulomb", "viscous")
 """Parameters of joints that are equal in mirrored limbs."""
 
@@ -101,9 +102,7 @@ def symmetry_rows(model: Model, plane: Plane, where: str) -> list[Row]:
         one, other = bodies[pair.one], bodies[pair.other]
         label = f"links '{one.name}' and '{other.name}' mirror each other ({where})"
         if {pair.one, pair.other} <= known.keys():
-            for name, image in zip(INERTIAL_NAMES, pair.image, strict=True):
-                given = {f"{x}.{one.name}": -float(a) for x, a in _named(image)}
-                rows.append(Row(label, {f"{name}.{other.name}": 1.0, **given}, 0.0, 0.0))
+            rows += image_rows(label, one.name, other.name, pair.image)
         rotors = [f"{OF_JOINTS[0]}.{body.joint}" for body in (one, other)]
         if names.issuperset(rotors):
             rows.append(Row(label, {rotors[1]: 1.0, rotors[0]: -1.0}, 0.0, 0.0))
@@ -118,8 +117,14 @@ def symmetry_rows(model: Model, plane: Plane, where: str) -> list[Row]:
     return rows
 
 
-def _named(image: Array) -> list[tuple[str, float]]:
-    return [(x, a) for x, a in zip(INERTIAL_NAMES, image, strict=True) if abs(a) > 1e-12]
+def image_rows(label: str, one: str, other: str, image: Array) -> list[Row]:
+    """Ten equations: the numbers of a link are those of another one behind an image `(10, 10)`."""
+    rows = []
+    for name, factors in zip(INERTIAL_NAMES, image.tolist(), strict=True):
+        each = zip(INERTIAL_NAMES, factors, strict=True)
+        given = {f"{x}.{one}": -a for x, a in each if abs(a) > TINY}
+        rows.append(Row(label, {f"{name}.{other}": 1.0, **given}, 0.0, 0.0))
+    return rows
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from steelyard.estimate.prior.body_priors import (
     rigid_bodies,
 )
 from steelyard.estimate.prior.dissipative_friction import dissipation_rows, shaped
-from steelyard.estimate.prior.mirrored_limbs import symmetry_rows
+from steelyard.estimate.prior.mirrored_limbs import NORMALS, Plane, image_rows, symmetry_rows
 from steelyard.model.laws.register import TERMS
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
@@ -158,7 +158,6 @@ class Tied:
 
 
 Vector = tuple[float, float, float]
-Plane = Literal["xy", "xz", "yz"]
 Axis = Literal["x", "y", "z"]
 
 
@@ -281,8 +280,9 @@ class Equal:
     def rows(self, scope: ConstraintContext) -> list[Row]:
         """Ten equations per further link."""
         first, *others = _several(self.links, scope)
-        label = "links " + ", ".join(f"'{x}'" for x in self.links) + " are equal"
-        return [row for x in others for row in _equality_rows(scope, label, first, x, np.ones(10))]
+        each = ", ".join(f"'{x}'" for x in self.links)
+        label = f"links {each} are equal ({scope.where})"
+        return [row for x in others for row in image_rows(label, first, x, np.eye(10))]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -301,8 +301,8 @@ class Mirrored:
     def rows(self, scope: ConstraintContext) -> list[Row]:
         """Ten equations: what is odd across the plane changes its sign."""
         one, other = _several(self.links, scope)
-        label = f"links '{one}' and '{other}' mirror each other"
-        return _equality_rows(scope, label, one, other, reflected(self.plane))
+        label = f"links '{one}' and '{other}' mirror each other ({scope.where})"
+        return image_rows(label, one, other, np.diag(reflected(self.plane)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -332,10 +332,9 @@ class Symmetric:
             )
         if self.axis is None:
             label = f"link '{link}' is symmetric about its {self.plane} plane"
-            planes = [plane for plane in _SIGNS if plane == self.plane]
         else:
             label = f"link '{link}' is symmetric about its {self.axis} axis"
-            planes = [plane for plane in _SIGNS if self.axis in plane]
+        planes = (plane for plane in NORMALS if plane == self.plane or (self.axis or "-") in plane)
         odd = np.min([reflected(plane) for plane in planes], axis=0) < 0.0
         rows = [
             scope.row(label, {f"{name}.{link}": 1.0}, 0.0)
@@ -348,16 +347,9 @@ class Symmetric:
         return rows
 
 
-_SIGNS: dict[Plane, Vector] = {
-    "xy": (1.0, 1.0, -1.0),
-    "xz": (1.0, -1.0, 1.0),
-    "yz": (-1.0, 1.0, 1.0),
-}
-
-
 def reflected(plane: Plane) -> Array:
     """Signs of the ten numbers of a body's mirror image across a plane of its frame."""
-    x, y, z = _SIGNS[plane]
+    x, y, z = (-1.0 if axis == NORMALS[plane] else 1.0 for axis in range(3))
     return np.array([1.0, x, y, z, 1.0, x * y, 1.0, x * z, y * z, 1.0])
 
 
@@ -367,15 +359,6 @@ def _several(links: tuple[str, ...], scope: ConstraintContext) -> tuple[str, ...
             f"links to be compared are {', '.join(links) or 'none'}", "name two different links"
         )
     return tuple(scope.body(link) for link in links)
-
-
-def _equality_rows(
-    scope: ConstraintContext, label: str, one: str, other: str, signs: Array
-) -> list[Row]:
-    return [
-        scope.row(label, {f"{name}.{other}": 1.0, f"{name}.{one}": -float(sign)}, 0.0)
-        for name, sign in zip(INERTIAL_NAMES, signs, strict=True)
-    ]
 
 
 CONSTRAINTS: dict[str, type[Any]] = {
