@@ -1,6 +1,6 @@
 """Logs that do not count, and why: unreadable, at rest, doubled, unlike the others."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,30 +45,24 @@ def logs_left_out(
     for number, summary in enumerate(summaries):
         if summary.wrong:
             leave(number, summary.wrong, summary.fix, summary.at_rest)
-    seen = dict[tuple[str, object], int]()
-    for number, digest in enumerate(digests):
-        before = seen.setdefault((digest, parts[number].rows), number)
-        if before != number:
-            wrong = f"it has the same bytes as {parts[before].where}"
-            leave(number, wrong, "name every log once")
-    same = dict[tuple[object, ...], int]()
-    for number, summary in enumerate(summaries):
-        if not summary.wrong and number not in out:
-            speeds = tuple(f"{speed:.9g}" for speed in summary.fastest)
-            motion = parts[number].robot, summary.samples, speeds
-            before = same.setdefault(motion, number)
-            if before != number:
-                wrong = f"it has the same motion as {parts[before].where}"
+
+    def leave_doubled(what: str, keys: Iterable[tuple[object, int]]) -> None:
+        for first, *others in by_key(keys).values():
+            for number in others:
+                wrong = f"it has the same {what} as {parts[first].where}"
                 leave(number, wrong, "name every log once")
+
+    leave_doubled("bytes", (((d, parts[k].rows), k) for k, d in enumerate(digests)))
+    motions = ((*(f"{speed:.9g}" for speed in summary.fastest),) for summary in summaries)
+    left = [(k, m) for k, m in enumerate(motions) if k not in out]
+    leave_doubled("motion", (((parts[k].robot, summaries[k].samples, m), k) for k, m in left))
     for number, before in _overlaps(parts, summaries):
         wrong = f"its clock overlaps that of {parts[before].where}"
         leave(number, wrong, "name logs of one robot that do not overlap, or other robots")
-    usable = [k for k, e in enumerate(equations) if e is not None and k not in out]
-    rests = {k: local.unexplained(e) for k, e in enumerate(equations) if k in usable and e}
+    usable = {k: e for k, e in enumerate(equations) if e is not None and k not in out}
+    rests = {k: local.unexplained(e) for k, e in usable.items()}
     usual = float(np.median(list(rests.values()))) if rests else 0.0
-    for number in usable:
-        one = equations[number]
-        assert one is not None
+    for number, one in usable.items():
         moved = one.predicted > 0.0
         factor = float(np.median(one.product[moved] / one.predicted[moved])) if moved.any() else 1.0
         sizes = np.sqrt(one.predicted * one.effort)[moved]

@@ -105,7 +105,7 @@ def fit(task: preparation.FitTask, origin: Provenance) -> Fit:
     reference = beside(found.information)
     ignored = _ignored(loaded, prepared, method, usual, why_unscaled, context)
     bodies = ": inertias may be invalid" if found.estimate.standard is None else ""
-    free = found.estimate if method.name == plain else reference
+    free, plane = found.estimate if method.name == plain else reference, loaded.prior.symmetry
     notes = (
         *prepared.notes,
         *([] if usual else [f"estimated by {method.name} ({method.about}), as requested{bodies}"]),
@@ -113,7 +113,7 @@ def fit(task: preparation.FitTask, origin: Provenance) -> Fit:
         *([refused] if refused else []),
         *found.estimate.notes,
         *_notes_beyond_physical_bounds(regressor.base, context.knowledge, free),
-        *_symmetry_notes(loaded, regressor.base, free),
+        *([] if plane is None else [symmetry_note(regressor.base, loaded.robot, free, plane)]),
     )
     first, cutoff = found.runs[0], loaded.validation.cutoff
     identified = IdentifiedModel(
@@ -266,14 +266,6 @@ def _notes_beyond_physical_bounds(
         f"least squares estimates below the physical bound: {labels}; "
         "these terms fit the data, but represent another effect",
     )
-
-
-def _symmetry_notes(
-    loaded: LoadedRobot, base: regression.BaseMap, free: Estimate
-) -> tuple[str, ...]:
-    """How alike both sides are that the robot file says mirror each other."""
-    plane = loaded.prior.symmetry
-    return () if plane is None else (symmetry_note(base, loaded.robot, free, plane),)
 
 
 MOST_FORCES = 3  # rounds in which a force is found in each run

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, of_json_values
 from steelyard.base.errors import PackageError, SteelyardError
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
@@ -151,7 +151,7 @@ def of_bytes(content: bytes, regressor: Regressor) -> tuple[PartSummary, Informa
     """What `to_bytes` wrote."""
     head, _, rest = content.partition(b"\n")
     about: Mapping[str, Any] = json.loads(head)
-    summary = PartSummary(**_with_tuples(about["summary"]))
+    summary = of_json_values(PartSummary, about["summary"])
     if not about["shapes"]:
         return summary, None
     arrays, values, start = dict[str, Array](), np.frombuffer(rest, "<f8"), 0
@@ -159,11 +159,6 @@ def of_bytes(content: bytes, regressor: Regressor) -> tuple[PartSummary, Informa
         size = int(np.prod(shape))
         arrays[name] = values[start : start + size].reshape(shape)
         start += size
-    signature = Signature(**_with_tuples(about["signature"]))
+    signature = of_json_values(Signature, about["signature"])
     windows = tuple(Window(*window) for window in about["windows"])
     return summary, Information(regressor.layout, signature, windows, **arrays)
-
-
-def _with_tuples(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values with tuples in the place of JSON's lists."""
-    return {k: tuple(x) if isinstance(x, list) else x for k, x in values.items()}

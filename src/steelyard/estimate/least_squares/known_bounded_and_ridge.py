@@ -87,18 +87,10 @@ class WithKnownValues:
         estimate = self.inner(others)
         values = estimate.parameters.as_dict() | known
         order = [k for k, name in enumerate(columns) if name in values]
-        parameters = Parameters(
-            tuple(columns[k] for k in order),
-            tuple(information.layout.units[k] for k in order),
-            [values[columns[k]] for k in order],
-        )
-        at = [parameters.names.index(name) for name in estimate.parameters.names]
-        covariance = np.zeros((len(order), len(order)))
-        covariance[np.ix_(at, at)] = estimate.covariance
-        known_names = tuple(name for name in parameters.names if name in known)
-        return replace(
-            estimate, parameters=parameters, covariance=frozen(covariance), known=known_names
-        )
+        every = [values.get(name, 0.0) for name in columns]
+        parameters = Parameters(columns, information.layout.units, every).of(order)
+        covariance = frozen(estimate.covariance_of(parameters.names))
+        return replace(estimate, parameters=parameters, covariance=covariance, known=tuple(known))
 
 
 Bounds = Mapping[str, tuple[float, float]]  # by name of the column; infinite if none

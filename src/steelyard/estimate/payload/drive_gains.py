@@ -15,6 +15,7 @@ weigh by their own residuals.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import starmap
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -104,6 +105,11 @@ class Bilinear:
         """Rows whose gain is to be found."""
         return tuple(int(k) for k in np.flatnonzero(np.isnan(self.given)))
 
+    @cached_property
+    def chosen(self) -> list[int]:
+        """Places of the free parameters and the wanted `rho` among all parameters and rows."""
+        return [*self.free, *(len(self.start) + row for row in self.wanted)]
+
     def squares(self, solution: Solution) -> Array:
         """Sum of squared residuals per row, in logged units."""
         result = []
@@ -130,8 +136,7 @@ class Bilinear:
             index = np.array([*seen, size + row])
             matrix[np.ix_(index, index)] += solution.weights[row] * slope.T @ gram @ slope
             gradient[index] += solution.weights[row] * slope.T @ rest
-        chosen = [*self.free, *(size + row for row in self.wanted)]
-        return matrix[np.ix_(chosen, chosen)], gradient[chosen]
+        return matrix[np.ix_(self.chosen, self.chosen)], gradient[self.chosen]
 
     def linear(self, rho: Array, weights: Array) -> Array:
         """The best parameters for given `rho`."""
@@ -155,8 +160,7 @@ class Bilinear:
 
         Residuals that are alike for longer than the filter, within windows or runs, widen it.
         """
-        size, rho = len(self.start), solution.rho
-        chosen = [*self.free, *(size + row for row in self.wanted)]
+        size, rho, chosen = len(self.start), solution.rho, self.chosen
         matrix, _ = self.normal(solution)
         # what residuals say about changes of all parameters and of every row's `rho`
         names = [f"1/gain.{name}" for name in self.information.layout.rows]
@@ -199,7 +203,7 @@ class Bilinear:
             length = max(float(np.trace(gram[:-1, :-1])), 1e-300)
             matrix[np.ix_(index, index)] += gram * np.outer(signs, signs) / length
         values = np.concatenate([self.start, np.where(np.isnan(self.given), 0.0, self.given)])
-        chosen = [*self.free, *(size + row for row in self.wanted)]
+        chosen = self.chosen
         values[chosen] = -inverse(matrix[np.ix_(chosen, chosen)]) @ (matrix @ values)[chosen]
         gains, sizes = values[size:], np.abs(values[size:])
         signs = self.signs
@@ -317,12 +321,9 @@ class GainEstimate:
     @property
     def each(self) -> tuple[DriveGain, ...]:
         """The gains one by one."""
-        return tuple(
-            DriveGain(joint, gain, half, self.units[k], self.known[k], self.assumed[k])
-            for k, (joint, gain, half) in enumerate(
-                zip(self.joints, self.gains.tolist(), self.half_width.tolist(), strict=True)
-            )
-        )
+        numbers = self.gains.tolist(), self.half_width.tolist()
+        each = zip(self.joints, *numbers, self.units, self.known, self.assumed, strict=True)
+        return tuple(starmap(DriveGain, each))
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""

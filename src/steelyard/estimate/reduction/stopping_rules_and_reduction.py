@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, frozen, records
 from steelyard.base.errors import DataError, ModelError, named
 from steelyard.estimate.estimate import Estimate, Estimator, Removed
 from steelyard.estimate.information.information import Information, Window
@@ -283,18 +283,14 @@ class Reduction:
         """
         information = self.path.full.information
         percent = 100.0 * self.fitted[:2] / np.maximum(self.fitted[2], 1e-300)
-        pairs = zip(information.layout.rows, information.signature.effort, strict=True)
-        return [
-            {
-                "joint": joint,
-                "unit": unit,
-                "full": float(self.fitted[0, k]),
-                "full_percent": float(percent[0, k]),
-                "reduced": float(self.fitted[1, k]),
-                "reduced_percent": float(percent[1, k]),
-            }
-            for k, (joint, unit) in enumerate(pairs)
-        ]
+        return records(
+            joint=information.layout.rows,
+            unit=information.signature.effort,
+            full=self.fitted[0],
+            full_percent=percent[0],
+            reduced=self.fitted[1],
+            reduced_percent=percent[1],
+        )
 
     def after(self, before: Sequence[Removed]) -> "Reduction":
         """The reduction of a model that was reduced before: earlier removals are listed first."""
