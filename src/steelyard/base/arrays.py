@@ -151,6 +151,11 @@ class Parameters:
         names, units = ([some[k] for k in places] for some in (self.names, self.units))
         return Parameters(names, units, self.values[list(places)])
 
+    def named(self, names: Iterable[str]) -> Array:
+        """Values by name, zero of those that are not here, shape `(k,)`."""
+        known = self.as_dict()
+        return np.array([known.get(name, 0.0) for name in names])
+
     def as_dict(self) -> dict[str, float]:
         """Name to value."""
         return dict(zip(self.names, self.values.tolist(), strict=True))

@@ -78,8 +78,7 @@ class LocalParameters:
         self.identified = identified
         robot, model = identified.model.robot, identified.model
         n = robot.n
-        values = identified.estimate.parameters.as_dict()
-        self.values = np.array([values.get(name, 0.0) for name in layout.columns])
+        self.values = identified.estimate.parameters.named(layout.columns)
         self.covariance = identified.estimate.covariance_of(layout.columns)  # of these, `(p, p)`
         groups = dict.fromkeys(layout.columns, BODIES)
         for term in model.terms:

@@ -11,6 +11,7 @@ for them cost far less, it is the sign.
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -166,13 +167,9 @@ def _error(
     """Error [%] of what is predicted from what is fitted; NaN where no part can be fitted."""
     values, found = values_by(estimator), []
     for fitted, tested in parts:
-        sizes = tested.effort_squares()
-        try:
-            squares = tested.residual_squares(values(fitted))
-        except DataError:
-            continue
-        shares = 100.0 * np.sqrt(squares / np.where(sizes > 0.0, sizes, np.inf))
-        found.append(float(logarithms(shares[None], sizes[None])[0]))
+        with suppress(DataError):
+            errors = tested.relative_errors(values(fitted))
+            found.append(float(logarithms(errors[None], tested.effort_squares()[None])[0]))
     return float(np.exp(np.mean(found))) if found else np.nan
 
 

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import qr, solve_triangular
 
-from steelyard.base.arrays import Array, frozen, json_values
+from steelyard.base.arrays import Array, Parameters, frozen, json_values
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import ModelError
 from steelyard.model.equations.passive_joints import random_positions
@@ -131,9 +131,8 @@ class BaseMap:
 
     def values_of(self, names: Iterable[str], standard: ArrayLike) -> Array:
         """Base parameters of these names, of standard ones `(p,)`; zero where there is none."""
-        values = np.asarray(self.lift @ np.asarray(standard, dtype=np.float64))
-        known = dict(zip(self.base_names, values.tolist(), strict=True))
-        return np.array([known.get(name, 0.0) for name in names])
+        values = self.lift @ np.asarray(standard, dtype=np.float64)
+        return Parameters(self.base_names, self.base_units, values).named(names)
 
     @property
     def lift(self) -> Array:

@@ -191,6 +191,12 @@ class Information:
         """Sum of squared efforts per row, shape `(rows,)`."""
         return np.array([self.row_gram(row)[-1, -1] for row in range(len(self.layout.rows))])
 
+    def relative_errors(self, values: Array) -> Array:
+        r"""$100\,\|y - A\phi\| / \|y\|$ per row for parameters `(p,)`, 0 without effort [%]."""
+        sizes = self.effort_squares()
+        shares = self.residual_squares(values) / np.where(sizes > 0.0, sizes, np.inf)
+        return np.asarray(100.0 * np.sqrt(shares))
+
     def absolute_sums(self) -> Array:
         """Sum of |column| over all rows and samples, shape `(p,)`."""
         total = self.absolute.sum(axis=0)

@@ -248,11 +248,8 @@ class _RidgeProblem:
     @classmethod
     def of(cls, unit: Array, deviation: Array, fit: Fit) -> "_RidgeProblem":
         values, vectors = np.linalg.eigh(unit)
-        rest, spent = 0.0, 0
-        for run, own in zip(fit.data.runs, fit.solution.locals, strict=True):
-            squares = run.residual_squares(own.among(fit.solution.values))
-            rest += float(np.sum(squares / fit.variances))
-            spent += len(own.columns)
+        rest = float(np.sum(residual_squares(fit, fit.solution.values) / fit.variances))
+        spent = sum(len(own.columns) for own in fit.solution.locals)
         count = float(fit.data.whole.n_samples.sum()) - spent
         return cls(np.maximum(values, 0.0), vectors, vectors.T @ deviation, rest, count)
 

@@ -251,8 +251,7 @@ def effort_scales(
         sizes, two = left_out.effort_squares(), []
         for scales in (plain, with_scales):  # efforts as logged
             logged = left_out.scaled(1.0 / scales.values, left_out.signature.effort)
-            squares = logged.residual_squares(scales.parameters) * np.square(scales.values)
-            shares = 100.0 * np.sqrt(squares / np.where(sizes > 0.0, sizes, np.inf))
+            shares = logged.relative_errors(scales.parameters)
             two.append(float(cross_validation.logarithms(shares[None], sizes[None])[0]))
         errors.append(two)
     if len(errors) < cross_validation.FEWEST:

@@ -376,12 +376,10 @@ def left_out_errors(
 
 def path_errors(path: Path, tested: Information) -> tuple[Array, Array]:
     """Relative errors of a path's models on other data `(states, rows)` [%]; efforts' squares."""
-    squares = tested.effort_squares()
-    size = np.where(squares > 0.0, squares, np.inf)
     place = [tested.layout.columns.index(name) for name in path.full.names]
-    errors = np.empty((len(path.states), len(squares)))
+    errors = np.empty((len(path.states), len(tested.layout.rows)))
     for k, state in enumerate(path.states):
         values = np.zeros(len(tested.layout.columns))
         values[place] = state.all_values
-        errors[k] = 100.0 * np.sqrt(tested.residual_squares(values) / size)
-    return errors, squares
+        errors[k] = tested.relative_errors(values)
+    return errors, tested.effort_squares()

@@ -241,8 +241,7 @@ class Reduction:
     estimate: Estimate  # its values and their covariance, given the choice
     # errors of all models on other data, `(states, rows)` [%]; `None` without
     unseen: Array | None = None
-    tolerance: float = RISE  # relative rise of a joint's error from which it is named
-    measure: str = "rms"  # which errors of the joints these are, see `StoppingRule`
+    rule: StoppingRule = ONE_STANDARD_ERROR  # what it was chosen by
     # errors of the full model, of the reduced one and of none (the effort itself) on the fitted
     # motion, shape `(3, rows)` [Nm; N]
     fitted: Array = field(default_factory=lambda: np.zeros((3, 0)))
@@ -349,8 +348,7 @@ def reduce(
         left_out,
         estimate,
         errors,
-        rule.tolerance,
-        rule.measure,
+        rule,
         frozen(np.array(fitted)),
     )
 

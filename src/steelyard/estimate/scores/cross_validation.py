@@ -190,12 +190,7 @@ def too_short(where: str, fix: str = NAMED_LAWS) -> TooShortError:
 
 def values_by(estimator: Estimator[Information]) -> Callable[[Information], Array]:
     """Values of an information's columns that an estimator finds, zero of what it does not see."""
-
-    def values(information: Information) -> Array:
-        known = estimator(information).parameters.as_dict()
-        return np.array([known.get(name, 0.0) for name in information.layout.columns])
-
-    return values
+    return lambda data: estimator(data).parameters.named(data.layout.columns)
 
 
 def left_out_errors(
@@ -215,10 +210,7 @@ def left_out_errors(
     errors = np.empty((len(wanted), len(tested.layout.rows)))
     for place, fold in enumerate(wanted):
         known = values(fitted.of([k for k in range(count) if k != fold]))
-        left_out = tested.of([fold])
-        sizes = left_out.effort_squares()
-        shares = left_out.residual_squares(known) / np.where(sizes > 0.0, sizes, np.inf)
-        errors[place] = 100.0 * np.sqrt(shares)
+        errors[place] = tested.of([fold]).relative_errors(known)
     return frozen(errors)
 
 

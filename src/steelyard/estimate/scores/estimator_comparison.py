@@ -404,21 +404,18 @@ def _fitted(
 
 def base_values(estimate: Estimate, base: BaseMap) -> Array:
     """Base parameters of an estimate, zero where it says nothing, shape `(b,)`."""
-    if estimate.standard is not None:
-        known = estimate.standard.parameters.as_dict()
-        return base.base_values([known.get(name, 0.0) for name in base.names])
-    known = estimate.parameters.as_dict()
-    return np.array([known.get(name, 0.0) for name in base.base_names])
+    if estimate.standard is None:
+        return estimate.parameters.named(base.base_names)
+    return base.base_values(estimate.standard.parameters.named(base.names))
 
 
 def impossible_bodies(estimate: Estimate, knowledge: Knowledge) -> tuple[str, ...] | None:
     """Bodies that cannot exist; `None` if an estimate does not say what bodies it has."""
     if estimate.standard is None:
         return None
-    known = estimate.standard.parameters.as_dict()
-    found = []
+    found, values = [], estimate.standard.parameters.named(knowledge.names)
     for number, body in enumerate(knowledge.bodies):
-        inertia = Inertia.from_ten([known[knowledge.names[k]] for k in knowledge.tens(number)])
+        inertia = Inertia.from_ten(values[knowledge.tens(number)])
         if inertia.mass <= 0.0 or inertia.flaw() is not None:
             found.append(body)
     return tuple(found)

@@ -64,7 +64,7 @@ class ReductionSection(FigureSection, name="reduction", title="Reduction"):
                 "about": found.criterion.about,
                 "parameters": found.worth(),
             },
-            "joint_errors": {"measure": found.measure, "joints": found.joint_errors()},
+            "joint_errors": {"measure": found.rule.measure, "joints": found.joint_errors()},
             "parameter_comparison": parameter_comparison(content.identified),
             "models": [
                 {
@@ -142,9 +142,9 @@ def _joints_judged(found: Reduction) -> str:
     rises["fitted motion" + ", as none is left out" * (not rises)] = last / first - 1.0
     sentences = []
     for motion, rise in rises.items():
-        order = [k for k in np.argsort(-rise) if rise[k] > found.tolerance]
+        order = [k for k in np.argsort(-rise) if rise[k] > found.rule.tolerance]
         worse = [f"{names[k]} {significant(100.0 * rise[k])} %" for k in order]
-        allowed = f"more than {100.0 * found.tolerance:g} %"
+        allowed = f"more than {100.0 * found.rule.tolerance:g} %"
         which = f"the error of no joint rises by {allowed}"
         if worse:
             which = f"the error rises by {allowed}: {', '.join(worse)}"
@@ -210,7 +210,7 @@ MEASURES = {"rms": "root mean square", "mean_absolute": "mean absolute"}
 
 
 def _joints(found: Reduction) -> PlainTable:
-    measure = MEASURES[found.measure]
+    measure = MEASURES[found.rule.measure]
     words = (
         f"{measure.capitalize()} errors of the fitted motion, in the joint's unit and relative to "
         f"the {measure} effort; both models by {found.path.full.method}."
