@@ -4,7 +4,7 @@ import json
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from math import pi
 from pathlib import Path
 from typing import Any
@@ -22,12 +22,10 @@ from steelyard.estimate.covariance_and_band_widths import (
     EffortUncertainty,
     covariance_root,
     dead_zone,
-    rest_speed_of,
 )
 from steelyard.estimate.estimate import Estimate, KnownScales
 from steelyard.estimate.external.contact_thresholds import ContactThresholds
 from steelyard.estimate.external.momentum_observer_with_wrench_and_contact import (
-    NOISE,
     Observer,
     check_bandwidth,
 )
@@ -36,9 +34,6 @@ from steelyard.estimate.external.wrench_methods_and_observer_step import (
     LEVER,
     Axes,
     Expected,
-    columns_quantity,
-    moved_frame,
-    step_code,
 )
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap
 from steelyard.estimate.information.filter_and_gram import noise_bandwidth
@@ -284,17 +279,7 @@ class IdentifiedModel(Dynamics):
             wrong = f"thresholds for {usual:g} Hz do not fit a bandwidth of {bandwidth:g} Hz"
             fix = "leave the bandwidth out"
             raise DataError(wrong, where="observe()", fix=fix)
-        return Observer(
-            self.model,
-            step_code(self.model, moved_frame(self.robot, frame), axes),
-            self.valued.values.values,
-            partial(self.start().evaluate, columns_quantity(self.base.independent)),
-            self.effort_uncertainty(NOISE * bandwidth),
-            rest_speed_of(self.robot.n, self.calibration, self.processing.rest_speed),
-            bandwidth,
-            Expected(force, lever),
-            thresholds,
-        )
+        return Observer(self, frame, axes, bandwidth, Expected(force, lever), thresholds)
 
     def effort_uncertainty(self, bandwidth: float) -> EffortUncertainty:
         """How far predicted efforts may be off.

@@ -6,8 +6,9 @@ mean external effort, and the observer of first order with bandwidth $b$ follows
 $r \leftarrow a r + (1 - a) s$ with $a = e^{-2 \pi b \Delta t}$.
 """
 
-from collections.abc import Callable
+from functools import partial
 from math import exp, inf, pi
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,13 +16,22 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.base.arrays import Z95, Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.base.motion import numbers
-from steelyard.estimate.covariance_and_band_widths import EffortUncertainty
+from steelyard.estimate.covariance_and_band_widths import EffortUncertainty, rest_speed_of
 from steelyard.estimate.external.contact_thresholds import ChangeStepper, ContactThresholds
-from steelyard.estimate.external.wrench_methods_and_observer_step import STATES, Expected
+from steelyard.estimate.external.wrench_methods_and_observer_step import (
+    STATES,
+    Axes,
+    Expected,
+    columns_quantity,
+    moved_frame,
+    step_code,
+)
 from steelyard.model.compiled_quantity import check_angles
-from steelyard.model.torque_and_quantities import Equations
-from steelyard.symbolic.native.compiled_programs import Code, SampleCall
+from steelyard.symbolic.native.compiled_programs import SampleCall
 from steelyard.symbolic.native.llvm_vector_code import MAX_ANGLE
+
+if TYPE_CHECKING:
+    from steelyard.estimate.identified_model import IdentifiedModel
 
 PER_PERIOD = 10.0  # samples that a period of the observer's bandwidth needs
 NOISE = 0.5 * np.pi  # noise bandwidth of a low-pass of first order over its bandwidth
@@ -74,27 +84,23 @@ class Observer:
 
     def __init__(
         self,
-        equations: Equations,
-        code: Code,
-        values: Array,
-        columns: Callable[[Array, Array, Array], Array],
-        uncertainty: EffortUncertainty,
-        rest_speed: Array,
+        identified: "IdentifiedModel",
+        frame: str | None,
+        axes: Axes,
         bandwidth: float,
         expected: Expected,
-        thresholds: ContactThresholds | None = None,
+        thresholds: ContactThresholds | None,
     ) -> None:
-        """Begin; `code` is that of a step, `values` are those of all parameters.
-
-        `columns` are regressor entries `(n, c)` at a sample. Thresholds of contact must be for this
-        bandwidth [Hz]; without, no contact is reported.
-        """
-        n = len(rest_speed)
+        """Begin; see `IdentifiedModel.observe`. Thresholds must be for this bandwidth [Hz]."""
+        robot, equations = identified.robot, identified.model
+        n, given = robot.n, identified.processing.rest_speed
         self.bandwidth, self.expected = bandwidth, expected
         self.steps = self.gaps = 0
         """Samples so far, and gaps in time among them."""
-        self._n, self._columns, self._code = n, columns, code
-        self._noise = _Noise(uncertainty, rest_speed)
+        self._n, columns = n, columns_quantity(identified.base.independent)
+        self._columns = partial(identified.start().evaluate, columns)
+        rest_speed = rest_speed_of(n, identified.calibration, given)
+        self._noise = _Noise(identified.effort_uncertainty(NOISE * bandwidth), rest_speed)
         self._thresholds = None if thresholds is None else thresholds.start()
         self._changes = None if thresholds is None else ChangeStepper(thresholds.changes)
         self._limits, self._changed = np.full(n, np.nan), np.zeros(n, dtype=bool)
@@ -108,11 +114,13 @@ class Observer:
         self._scan = equations.scan() if equations.n_channels else None
         self._channels = np.zeros(equations.n_channels)
         self._covariance = np.zeros((n, n))
-        self._values, self._variances = np.ascontiguousarray(values), expected.variances
+        self._values = np.ascontiguousarray(identified.valued.values.values)
+        self._variances = expected.variances
         inputs = (
             self._state, self._sample, self._scalars, self._channels, self._values,
             self._covariance, self._variances,
         )  # fmt: skip
+        code = step_code(equations, moved_frame(robot, frame), axes)
         self._evaluation = SampleCall(code, inputs, self._sample, SMALL)
         self._next = self._evaluation.result[: STATES * n]
 
