@@ -19,7 +19,6 @@ from steelyard.estimate.estimator_register import context_of, method_of, offer_o
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.part_information import PartSummary
-from steelyard.estimate.logs_left_out import logs_left_out
 from steelyard.fleet.changes_over_days import FleetDays
 from steelyard.fleet.fleet_result_and_page import Fleet, FleetPlan, Work
 from steelyard.fleet.parts_and_first_model import FleetParts, fleet_parts
@@ -155,12 +154,7 @@ def _judged(
     model, used = found.reference, list[int]()
     for last in (False, True):
         local = LocalParameters(model, found.regressor.layout)
-        summaries, equations = _added_up(found, local, progress)
-        left_out = logs_left_out(found.parts, found.of.digests, summaries, equations, local)
-        used = [k for k, e in enumerate(equations) if e is not None and k not in left_out]
-        if not used:
-            first = left_out[min(left_out)]
-            raise LogError(f"no log can be used: {first.wrong}", where=first.log, fix=first.fix)
+        summaries, equations, left_out, used = found.counted(local, progress)
         by_robot = by_key((found.parts[k].robot, k) for k in used)
         robots = [
             _days_of(name, mine, found, summaries, equations) for name, mine in by_robot.items()
@@ -217,19 +211,6 @@ def _remarks(
         more = f", and {len(of_fleet.nameless) - 1} more" if len(of_fleet.nameless) > 1 else ""
         said.append(f"not read, as a robot's day is not known: {of_fleet.nameless[0]}{more}")
     return tuple(said)
-
-
-def _added_up(
-    found: RememberedParts, local: LocalParameters, progress: Progress
-) -> tuple[list[PartSummary], list[NormalEquations | None]]:
-    """Summaries of all parts, and what those that can be used say of changes."""
-    summaries, equations = list[PartSummary](), list[NormalEquations | None]()
-    for number in range(len(found.parts)):
-        report_progress(progress, "adding up", number, len(found.parts))
-        summary, information = found.read(number)
-        summaries.append(summary)
-        equations.append(None if information is None else local.equations(information))
-    return summaries, equations
 
 
 def _days_of(

@@ -16,14 +16,14 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.base.progress import Progress, report_progress
+from steelyard.base.progress import Progress
 from steelyard.check.finding import Finding, Severity
 from steelyard.estimate.changes_from_model import LocalParameters
 from steelyard.estimate.estimator_register import method_of
 from steelyard.estimate.information.gather import MOST_WINDOWS
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.part_information import PartSummary
-from steelyard.estimate.logs_left_out import LeftOut, logs_left_out
+from steelyard.estimate.logs_left_out import LeftOut
 from steelyard.identify.fit import Fit
 from steelyard.identify.remembered_parts import (
     TRIED,
@@ -117,22 +117,13 @@ def of_all_logs(
 ) -> tuple[Fit, tuple[str, ...], tuple[Finding, ...]]:
     """The fit with the parameters of all logs; notes, and doubts about logs that do not count.
 
-    A `DataError` where none counts, or where an `unseen` run has rows of one of them.
+    A `LogError` where none counts, a `DataError` where an `unseen` run has rows of one of them.
     """
     own = with_reading_of(found.identified, sample[0])
     parts = RememberedParts.with_model(logs.of, own, logs.memory, windows=WINDOWS_OF_PART)
     parts.make(parts.missing(), cluster, 1, progress)
-    local, summaries, equations = LocalParameters(own, parts.regressor.layout), [], []
-    for number in range(len(parts.parts)):
-        report_progress(progress, "adding up", number, len(parts.parts))
-        summary, information = parts.read(number)
-        summaries.append(summary)
-        equations.append(None if information is None else local.equations(information))
-    out = logs_left_out(parts.parts, logs.of.digests, summaries, equations, local)
-    used = [number for number in range(len(parts.parts)) if number not in out]
-    if not used:
-        first = out[min(out)]
-        raise DataError(f"no log can be used: {first.wrong}", where=first.log, fix=first.fix)
+    local = LocalParameters(own, parts.regressor.layout)
+    summaries, _, out, used = parts.counted(local, progress)
     names = names_of_parts(parts.parts)
     motions = _motions(used, names, summaries)
     for run in unseen:

@@ -13,6 +13,7 @@ import numpy as np
 from steelyard.base.errors import LogError, SteelyardError
 from steelyard.base.progress import Progress, report_progress
 from steelyard.base.workers import each
+from steelyard.estimate.changes_from_model import LocalParameters, NormalEquations
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.estimate.information.information import Information
@@ -23,6 +24,7 @@ from steelyard.estimate.information.part_information import (
     of_bytes,
     worked,
 )
+from steelyard.estimate.logs_left_out import LeftOut, logs_left_out
 from steelyard.identify.runs_and_notes_of_logs import processing_of
 from steelyard.logs.files_and_urls import on_disk
 from steelyard.logs.log_parts import LogPart
@@ -152,6 +154,26 @@ class RememberedParts:
             else:
                 self.passing[key] = content
             report_progress(progress, "logs", done, len(items), f"{done} of {len(items)}")
+
+    def counted(
+        self, local: LocalParameters, progress: Progress
+    ) -> tuple[list[PartSummary], list[NormalEquations | None], dict[int, LeftOut], list[int]]:
+        """Summaries of all parts, what they say of changes, which do not count and which do.
+
+        A `LogError` if none counts.
+        """
+        summaries, equations = list[PartSummary](), list[NormalEquations | None]()
+        for number in range(len(self.parts)):
+            report_progress(progress, "adding up", number, len(self.parts))
+            summary, information = self.read(number)
+            summaries.append(summary)
+            equations.append(None if information is None else local.equations(information))
+        out = logs_left_out(self.parts, self.of.digests, summaries, equations, local)
+        used = [number for number in range(len(self.parts)) if number not in out]
+        if not used:
+            first = out[min(out)]
+            raise LogError(f"no log can be used: {first.wrong}", where=first.log, fix=first.fix)
+        return summaries, equations, out, used
 
 
 def about(**what: Any) -> dict[str, Any]:
