@@ -115,10 +115,11 @@ class Consistent:
 
     def solve(self, program: Program, gamma: float, near: Array | None = None) -> Array:
         """The unknowns at the optimum with a weight of the prior, near those of a like problem."""
-        if near is not None and (end := self._polished(program, near, gamma)) is not None:
+        smooth = self.form.penalises and all(program.unknowns.priors)
+        if smooth and near is not None and (end := polished(program, near, gamma)) is not None:
             return end
         try:
-            return self._optimum(program, gamma)
+            return self._optimum(program, gamma, smooth)
         except (Infeasible, Unsolved) as error:
             refuse_contradictions(self.knowledge)
             if far := far_constraints(program.constraints):
@@ -129,12 +130,7 @@ class Consistent:
                 ) from None
             raise
 
-    def _polished(self, program: Program, near: Array, gamma: float) -> Array | None:
-        """The optimum from a solution nearby by Newton's method, where that confirms it."""
-        smooth = self.form.penalises and all(program.unknowns.priors)
-        return polished(program, near, gamma) if smooth else None
-
-    def _optimum(self, program: Program, gamma: float) -> Array:
+    def _optimum(self, program: Program, gamma: float, smooth: bool) -> Array:
         """Near it by the solver and to the end by Newton's method, or all by the solver."""
         m, whole = len(program.unknowns.weak), float(np.sum(np.square(program.unknowns.vector)))
 
@@ -142,7 +138,7 @@ class Consistent:
             conic = program.conic(gamma, unit=unit)
             return solved(conic, self._where, self.iterations, aim=aim, enough=enough)[:m]
 
-        if self.form.penalises and all(program.unknowns.priors):
+        if smooth:
             with suppress(Infeasible, Unsolved):
                 end = polished(program, found(1.0, ROUGH, ENOUGH), gamma)
                 if end is not None:

@@ -364,6 +364,11 @@ class Layout:
         every = tuple(range(len(self.columns)))
         return replace(self, sees=(every,) * len(self.rows), mixed=True)
 
+    def seen_through(self, transform: Array) -> tuple[tuple[int, ...], ...]:
+        """What each row sees of parameters that a transform `(columns, new)` leads to these."""
+        parts = (np.any(transform[list(seen)] != 0.0, axis=0) for seen in self.sees)
+        return tuple(tuple(np.flatnonzero(part).tolist()) for part in parts)
+
     @cached_property
     def widths(self) -> tuple[int, ...]:
         """Columns seen by each row, the effort included."""

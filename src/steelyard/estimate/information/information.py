@@ -232,15 +232,14 @@ class Information:
         names: Sequence[str],
         units: Sequence[str],
         given: Array | None = None,
+        sees: tuple[tuple[int, ...], ...] | None = None,
     ) -> "Information":
         """The same data for other parameters: old ones = `transform` `(old, new)` @ new ones.
 
-        What is `given` is added to these. Sums of |column| are not a number in the result.
+        What is `given` is added to these; each row `sees` what the transform has for it, if it does
+        not say. Sums of |column| are not a number in the result.
         """
-        sees = tuple(
-            tuple(int(k) for k in np.flatnonzero(np.any(transform[list(seen)] != 0.0, axis=0)))
-            for seen in self.layout.sees
-        )
+        sees = self.layout.seen_through(transform) if sees is None else sees
         parts = []
         for old, new in zip(self.layout.sees, sees, strict=True):
             part = np.zeros((len(old) + 1, len(new) + 1))

@@ -19,7 +19,7 @@ import numpy as np
 
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError, ModelError, named
-from steelyard.estimate.information.base_parameters_and_regressor import BaseMap, Layout
+from steelyard.estimate.information.base_parameters_and_regressor import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.model.model import Model
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS, Inertia
@@ -119,25 +119,14 @@ def joined(
     A part is what a run says, and its transform from shared parameters to those of its columns,
     shape `(columns, shared)`. Sums of |column| are not known in the result.
     """
-    from scipy.linalg import block_diag
-
-    first = parts[0][0]
-    for information, _ in parts[1:]:
-        first.of(()) + information.of(())
-    sees = []
-    for seen in first.layout.sees:
-        touched = [np.any(transform[list(seen)] != 0.0, axis=0) for _, transform in parts]
-        sees.append(tuple(np.flatnonzero(np.any(touched, axis=0)).tolist()))
-    layout = Layout(tuple(names), tuple(units), first.layout.rows, tuple(sees), first.layout.mixed)
-    found = []
+    seen = sum(np.abs(transform) for _, transform in parts)
+    sees, found = parts[0][0].layout.seen_through(np.asarray(seen)), []
     for information, transform in parts:
         if not information.windows:
             fix = "leave the run out, or log a motion in which the joints move"
             raise DataError("the run has no usable samples", where="information of a run", fix=fix)
-        rows = zip(information.layout.sees, sees, strict=True)
-        moved = [block_diag(transform[np.ix_(old, seen)], 1.0) for old, seen in rows]
         whole = information.grouped([range(len(information.windows))])
-        found.append(replace(whole, beside=None).mapped(layout, moved))
+        found.append(replace(whole, beside=None).map(transform, names, units, sees=sees))
     return reduce(add, found)
 
 
