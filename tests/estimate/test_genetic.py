@@ -20,6 +20,7 @@ from steelyard.estimate.prior.body_priors import Knowledge, Row, default_knowled
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
 from steelyard.model.laws.laws_without_friction import RigidBody
 from steelyard.model.model import Model
+from steelyard.robot.file.sections import GeneticSection
 
 MODEL = Model(dh_arm(), (RigidBody(), Viscous(), Coulomb()))
 REGRESSOR = base_regressor(MODEL)
@@ -60,7 +61,8 @@ def error(values: Array) -> float:
 
 @cache
 def found(population: int = 100, generations: int = 600, seed: int = 0) -> Estimate:
-    return Genetic(REGRESSOR.base, known(), population, generations, seed)(data()[0])
+    settings = GeneticSection(population=population, generations=generations, seed=seed)
+    return Genetic(REGRESSOR.base, known(), settings)(data()[0])
 
 
 def test_it_reaches_least_squares_within_the_same_bounds() -> None:
@@ -94,7 +96,8 @@ def test_it_ends_at_a_sufficient_error() -> None:
     assert whole.evolution is not None
     best = whole.evolution.best
     wanted = float(best[0] + best[-1]) / 2.0
-    ended = Genetic(REGRESSOR.base, known(), 20, 30, sufficient=wanted)(data()[0]).evolution
+    settings = GeneticSection(population=20, generations=30, sufficient=wanted)
+    ended = Genetic(REGRESSOR.base, known(), settings)(data()[0]).evolution
     assert ended is not None and 1 <= len(ended.best) < 30
     assert ended.best[-1] <= wanted and (ended.best[:-1] > wanted).all()
 
@@ -144,5 +147,7 @@ def test_it_stops_when_told() -> None:
         return len(events) < 3
 
     with pytest.raises(Stopped):
-        evolved(lambda x: np.square(x).sum(axis=1), -np.ones(2), np.ones(2), progress=third)
+        evolved(
+            lambda x: np.square(x).sum(axis=1), -np.ones(2), np.ones(2), GeneticSection(), third
+        )
     assert [event.done for event in events] == [1, 2, 3] and events[0].total == 100

@@ -160,9 +160,8 @@ def _without_known(estimator: Estimator[Information], context: Context) -> Estim
 
 
 def _genetic(context: Context) -> Estimator[Information]:
-    keys = context.genetic.model_dump()
-    searched = Genetic(context.regressor.base, context.knowledge, **keys, progress=context.progress)
-    return _without_known(searched, context)
+    given = context.knowledge, context.genetic, context.progress
+    return _without_known(Genetic(context.regressor.base, *given), context)
 
 
 def _consistent(context: Context, **more: Any) -> Consistent:

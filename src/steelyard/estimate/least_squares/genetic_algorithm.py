@@ -31,6 +31,7 @@ from steelyard.estimate.least_squares.normal_equations import (
 )
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.prior.body_priors import Knowledge
+from steelyard.robot.file.sections import GeneticSection
 
 CROSSOVER, MUTATION = 0.8, 0.2  # probability of an individual, and of a gene; not printed
 STEP = 0.1  # first standard deviation of a mutation, over the width of the box; not printed
@@ -40,16 +41,10 @@ def evolved(
     criterion: Callable[[Array], Array],
     lower: Array,
     upper: Array,
-    *,
-    population: int = 30,
-    generations: int = 100,
-    sufficient: float | None = None,
-    seed: int = 0,
+    settings: GeneticSection,
     progress: Progress = silent,
 ) -> tuple[Array, Array]:
     """Minimise a criterion, `(B, k)` to costs `(B,)`, within a box by the steps 1 to 10 of [WangC].
-
-    It ends after `generations`, or earlier when the least cost is at most `sufficient`.
 
     After crossover, and again after mutation, the best of old and new individuals survive. What the
     paper does not print is assumed: parents from tournaments of two, children on the line through
@@ -58,7 +53,8 @@ def evolved(
     Returns:
         The best individual, `(k,)`, and the best and the mean cost of every generation, `(g, 2)`.
     """
-    random, size = np.random.default_rng(seed), (population, len(lower))
+    population, generations, enough = settings.population, settings.generations, settings.sufficient
+    random, size = np.random.default_rng(settings.seed), (population, len(lower))
 
     def survivors(genes: Array, costs: Array, children: Array) -> tuple[Array, Array]:
         children = np.clip(children, 0.0, 1.0)
@@ -77,7 +73,7 @@ def evolved(
         genes, costs = survivors(genes, costs, genes + step * random.standard_normal(size))
         history.append((costs[0], costs.mean()))
         report_progress(progress, "genetic algorithm", generation + 1, generations)
-        if sufficient is not None and costs[0] <= sufficient:
+        if enough is not None and costs[0] <= enough:
             break
     return lower + (upper - lower) * genes[0], np.array(history)
 
@@ -119,10 +115,7 @@ class Genetic:
 
     base: BaseMap
     knowledge: Knowledge  # bounds of parameters, priors of links
-    population: int = 30
-    generations: int = 100
-    seed: int = 0
-    sufficient: float | None = None  # root mean square error at which the search ends [Nm; N]
+    settings: GeneticSection = GeneticSection()
     progress: Progress = silent
 
     def __call__(self, information: Information) -> Estimate:
@@ -141,16 +134,7 @@ class Genetic:
             squares = least + np.sum(away @ solution.normal * away, axis=1)
             return np.asarray(np.sqrt(np.maximum(squares, 0.0) / count))
 
-        values, history = evolved(
-            error,
-            lower,
-            upper,
-            population=self.population,
-            generations=self.generations,
-            sufficient=self.sufficient,
-            seed=self.seed,
-            progress=self.progress,
-        )
+        values, history = evolved(error, lower, upper, self.settings, self.progress)
         best, mean = history.T
         full = np.zeros(len(solution.values))
         full[solution.kept] = values
@@ -166,7 +150,7 @@ class Genetic:
             at_bound=tuple(names[k] for k in held),
             notes=(
                 f"root mean square error {best[-1]:.4g} after {len(best)} generations of "
-                f"{self.population}; least squares without bounds has {end:.4g}",
+                f"{self.settings.population}; least squares without bounds has {end:.4g}",
                 *([f"the genetic algorithm does not use: {'; '.join(unused)}"] if unused else []),
             ),
             evolution=Evolution(
