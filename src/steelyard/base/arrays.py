@@ -43,6 +43,12 @@ def stretches(marks: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return list(zip(edges[::2], edges[1::2], strict=True))
 
 
+def places_of(names: Iterable[Key], among: Iterable[Key]) -> list[int]:
+    """Where names stand among others, all of which must be there."""
+    place = {name: k for k, name in enumerate(among)}
+    return [place[name] for name in names]
+
+
 def by_key(pairs: Iterable[tuple[Key, Value]]) -> dict[Key, list[Value]]:
     """The second values of pairs by the first ones, both in the order in which they come."""
     found: dict[Key, list[Value]] = {}

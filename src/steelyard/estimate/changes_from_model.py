@@ -20,7 +20,7 @@ from typing import Literal
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, places_of
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_parameters_and_regressor import Layout
 from steelyard.estimate.information.information import Information
@@ -89,8 +89,7 @@ class LocalParameters:
                     groups[parameter.name] = VISCOUS if "s" in parameter.unit else DRY
         self.groups = np.array([groups[name] for name in layout.columns])
         lift = payload_lift(robot, identified.base, carrier(robot))[:, :OF_PAYLOAD]
-        place = {name: k for k, name in enumerate(identified.base.base_names)}
-        self._carried = np.array([lift[place[name]] for name in layout.columns])
+        self._carried = lift[places_of(layout.columns, identified.base.base_names)]
         self.size = OF_JOINT * n + OF_PAYLOAD
         self.layout, self.joints = layout, robot.joint_names
         self.units = robot.effort_units

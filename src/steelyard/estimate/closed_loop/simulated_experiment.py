@@ -14,7 +14,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, frozen, places_of
 from steelyard.base.errors import DataError
 from steelyard.base.motion import Motion
 from steelyard.base.progress import Progress, report_progress, silent
@@ -137,16 +137,13 @@ class Experiment:
     @cached_property
     def kept(self) -> list[int]:
         """Columns of the regressor that the data see."""
-        place = {name: k for k, name in enumerate(self.regressor.layout.columns)}
-        return [place[name] for name in self.start.parameters.names]
+        return places_of(self.start.parameters.names, self.regressor.layout.columns)
 
     @cached_property
     def dynamics(self) -> Forward:
         """Forward dynamics in the parameters that the data see."""
-        names = self.regressor.model.names
-        return Forward(
-            self.regressor.model, tuple(names.index(n) for n in self.start.parameters.names)
-        )
+        model = self.regressor.model
+        return Forward(model, tuple(places_of(self.start.parameters.names, model.names)))
 
     @cached_property
     def start_values(self) -> StartValues:

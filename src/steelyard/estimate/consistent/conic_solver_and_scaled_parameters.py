@@ -18,7 +18,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, frozen, places_of
 from steelyard.base.errors import DataError
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import Whitened
@@ -224,8 +224,7 @@ class Unknowns:
 def unknowns(data: Whitened, base: BaseMap, knowledge: Knowledge) -> Unknowns:
     """The unknowns of a problem."""
     first = 10 * len(knowledge.bodies)
-    place = {name: k for k, name in enumerate(base.base_names)}
-    lift = base.lift[[place[name] for name in data.names]]
+    lift = base.lift[places_of(data.names, base.base_names)]
     scale, terms = scale_of(knowledge)
     strength = np.linalg.norm(data.matrix @ lift, axis=0)
     least = UNSEEN * float(strength.max(initial=0.0))

@@ -15,7 +15,7 @@ from functools import partial
 
 import numpy as np
 
-from steelyard.base.arrays import Array, Parameters, frozen
+from steelyard.base.arrays import Array, Parameters, frozen, places_of
 from steelyard.base.errors import DataError
 from steelyard.estimate.consistent.conic_solver_and_scaled_parameters import (
     AIM,
@@ -115,11 +115,11 @@ class Consistent:
 
     def solve(self, program: Program, gamma: float, near: Array | None = None) -> Array:
         """The unknowns at the optimum with a weight of the prior, near those of a like problem."""
-        smooth = self.form.penalises and all(program.unknowns.priors)
-        if smooth and near is not None and (end := polished(program, near, gamma)) is not None:
+        near = near if program.smooth else None
+        if near is not None and (end := polished(program, near, gamma)) is not None:
             return end
         try:
-            return self._optimum(program, gamma, smooth)
+            return self._optimum(program, gamma)
         except (Infeasible, Unsolved) as error:
             refuse_contradictions(self.knowledge)
             if far := far_constraints(program.constraints):
@@ -130,7 +130,7 @@ class Consistent:
                 ) from None
             raise
 
-    def _optimum(self, program: Program, gamma: float, smooth: bool) -> Array:
+    def _optimum(self, program: Program, gamma: float) -> Array:
         """Near it by the solver and to the end by Newton's method, or all by the solver."""
         m, whole = len(program.unknowns.weak), float(np.sum(np.square(program.unknowns.vector)))
 
@@ -138,7 +138,7 @@ class Consistent:
             conic = program.conic(gamma, unit=unit)
             return solved(conic, self._where, self.iterations, aim=aim, enough=enough)[:m]
 
-        if smooth:
+        if program.smooth:
             with suppress(Infeasible, Unsolved):
                 end = polished(program, found(1.0, ROUGH, ENOUGH), gamma)
                 if end is not None:
@@ -198,16 +198,16 @@ class Consistent:
         name = f"physically consistent ({self.form.name} prior)"
         estimate = described(name, fit, solution.inverse)
         names = estimate.parameters.names
-        place = {n: k for k, n in enumerate(self.base.base_names)}
-        learned = _share(lift @ known.scale, free, after, before)[[place[n] for n in names]]
+        places = places_of(names, self.base.base_names)
+        learned = _share(lift @ known.scale, free, after, before)[places]
         learned[[n in self.per_run for n in names]] = 1.0
-        alone = np.count_nonzero(lift, axis=1) == 1
+        alone = (np.count_nonzero(lift, axis=1) == 1)[places]
         share = _share(known.scale, free, after, before)
         return replace(
             estimate,
             standard=self._standard(estimate, standard, known.scale @ after, share),
             learned=frozen(learned),
-            at_bound=tuple(n for n in names if n in held and alone[place[n]]),
+            at_bound=tuple(n for n, own in zip(names, alone, strict=True) if n in held and own),
             notes=tuple(self._notes(data, program, found)),
         )
 
@@ -291,10 +291,9 @@ class Consistent:
     ) -> StandardEstimate:
         """All standard parameters; what every run has for itself is as a new run is expected."""
         full, learned, covariance = values.copy(), share.copy(), spread @ spread.T
-        place = {name: k for k, name in enumerate(self.base.names)}
         for name in self.per_run:
             if name in estimate.parameters.names:
-                k, own = place[name], estimate.parameters.names.index(name)
+                k, own = self.base.names.index(name), estimate.parameters.names.index(name)
                 full[k], learned[k] = estimate.parameters.values[own], 1.0
                 covariance[k, k] = estimate.covariance[own, own]
         parameters = Parameters(self.base.names, self.base.units, full)
@@ -343,8 +342,7 @@ def _share(parameters: Array, free: Array, after: Array, before: Array) -> Array
 def _solution(data: Whitened, values: Array, covariance: Array, base: BaseMap) -> Solution:
     """The values as a solution in base parameters, with the parameters of single runs."""
     old, columns = data.fit.solution, data.fit.data.whole.layout.columns
-    place = {name: k for k, name in enumerate(base.base_names)}
-    rows = [place[name] for name in columns]
+    rows = places_of(columns, base.base_names)
     local = list(data.fit.data.local)
     full = values[rows]
     full[local] = 0.0

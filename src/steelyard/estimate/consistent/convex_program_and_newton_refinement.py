@@ -96,6 +96,11 @@ class Program:
     constraints: ConicConstraints
     form: Form  # penalty of bodies that have a prior
 
+    @property
+    def smooth(self) -> bool:
+        """Whether every body is penalised, so that Newton's method finds the optimum."""
+        return self.form.penalises and all(self.unknowns.priors)
+
     def conic(self, gamma: float, *, unit: float = 1.0) -> Conic:
         """The program with a weight of the prior.
 

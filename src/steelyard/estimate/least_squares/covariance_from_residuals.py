@@ -43,7 +43,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, places_of
 from steelyard.estimate.least_squares.normal_equations import (
     Eliminated,
     Fit,
@@ -143,8 +143,7 @@ def _scatter(fit: Fit, most: int) -> Array:
     windows = scores_of_windows(fit, most)
     for own, row, columns, grams, scores in _mixed(windows) if mixed else windows:
         known, inverse = own.joined(fit.solution.kept, fit.solution.inverse)
-        place = {column: k for k, column in enumerate(known)}
-        mine = [place[column] for column in columns]
+        mine = places_of(columns, known)
         inverse = inverse[np.ix_(mine, mine)]
         taken = inverse @ grams
         found[row] += np.sum((scores @ inverse) * scores)

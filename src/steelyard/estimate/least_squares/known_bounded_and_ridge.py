@@ -196,12 +196,10 @@ class Ridge:
         """Towards the nominal bodies, if every body has a prior; towards zero otherwise."""
         if not knowledge.priors or any(prior is None for prior in knowledge.priors):
             return cls(per_run=per_run)
-        place = {name: k for k, name in enumerate(base.names)}
         standard = np.zeros(len(base.names))
         for body, prior in enumerate(knowledge.priors):
             if prior is not None:
-                tens = [place[knowledge.names[k]] for k in knowledge.tens(body)]
-                standard[tens] = prior.ten
+                standard[knowledge.tens(body)] = prior.ten
         named = tuple(zip(base.base_names, base.base_values(standard).tolist(), strict=True))
         return cls(named, "the nominal inertial parameters, zero friction", per_run=per_run)
 

@@ -17,7 +17,7 @@ from operator import add
 
 import numpy as np
 
-from steelyard.base.arrays import Z95, Array
+from steelyard.base.arrays import Z95, Array, places_of
 from steelyard.base.errors import DataError, ModelError, named
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap
 from steelyard.estimate.information.information import Information
@@ -107,7 +107,7 @@ def payload_lift(robot: Robot, base: BaseMap, frame: Frame) -> Array:
     move = np.array(
         [Inertia.from_ten(e).moved(frame.rotation, frame.position).ten for e in np.eye(10)]
     ).T
-    columns = [base.names.index(f"{name}.{body}") for name in INERTIAL_NAMES]
+    columns = places_of((f"{name}.{body}" for name in INERTIAL_NAMES), base.names)
     return np.asarray(base.lift[:, columns] @ move)
 
 
@@ -270,8 +270,7 @@ def combined(
     n_arm, drift = len(arm), drifting(model, names)
     n_days, n_loads = (len({k for k in some if k is not None}) for some in (days, loads))
     n_loads = max(n_loads, 1)
-    place = {name: k for k, name in enumerate(base.base_names)}
-    lift = payload_lift(model.robot, base, frame)[[place[name] for name in layout.columns]]
+    lift = payload_lift(model.robot, base, frame)[places_of(layout.columns, base.base_names)]
     start = n_arm + len(drift) * n_days
     size = start + 10 * n_loads
     parts = []

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.base.arrays import Array, by_key, frozen
+from steelyard.base.arrays import Array, by_key, frozen, places_of
 from steelyard.base.errors import ModelError, advice
 from steelyard.model.model import Model
 from steelyard.robot.file.sections import LinkPriorSection, PriorSection
@@ -73,8 +73,7 @@ class Knowledge:
 
     def tens(self, body: int) -> list[int]:
         """Indices of a body's ten parameters among `names`."""
-        place = {name: k for k, name in enumerate(self.names)}
-        return [place[f"{kind}.{self.bodies[body]}"] for kind in INERTIAL_NAMES]
+        return places_of((f"{kind}.{self.bodies[body]}" for kind in INERTIAL_NAMES), self.names)
 
 
 DENSITY = 2000.0  # of a stand-in [kg/m³]: castings with motors, gears and air in them

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from steelyard.base.arrays import Z95, Array
+from steelyard.base.arrays import Z95, Array, places_of
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.prior.body_priors import model_prior, rigid_bodies, spread_of
 from steelyard.identify.page.report_content_and_error_words import ReportContent, pooled_samples
@@ -64,11 +64,10 @@ class BodiesSection(TableSection, name="bodies", title="Link inertial parameters
         if standard is None or not table.rows:
             return []
         bodies = rigid_bodies(identified.model).values()
-        place = {name: k for k, name in enumerate(standard.parameters.names)}
-        mine = [place[f"m.{body.name}"] for body in bodies]
-        variance = max(float(standard.covariance[np.ix_(mine, mine)].sum()), 0.0)
+        masses = [f"m.{body.name}" for body in bodies]
+        variance = max(float(standard.covariance_of(masses).sum()), 0.0)
         nominal = sum(body.inertia.mass for body in bodies)
-        mass = float(standard.parameters.values[mine].sum())
+        mass = float(standard.parameters.named(masses).sum())
         file = significant(nominal) if all(body.known for body in bodies) else NONE
         cells = ("all links", with_interval(mass, Z95 * sqrt(variance)), file, *("",) * 4)
         return [replace(table, rows=(*table.rows, Row(cells, total=True)), text=(0, 3, 4))]
@@ -79,9 +78,9 @@ def identified_links(identified: IdentifiedModel) -> Iterator[IdentifiedLink]:
     standard, robot = identified.estimate.standard, identified.model.robot
     if standard is None:
         return
-    place = {name: k for k, name in enumerate(standard.parameters.names)}
+    names = standard.parameters.names
     for number, body in rigid_bodies(identified.model).items():
-        ten = [place[f"{kind}.{body.name}"] for kind in INERTIAL_NAMES]
+        ten = places_of((f"{kind}.{body.name}" for kind in INERTIAL_NAMES), names)
         inertia = Inertia.from_ten(standard.parameters.values[ten])
         covariance, learned = standard.covariance[np.ix_(ten, ten)], standard.learned[ten].mean()
         nominal = body.inertia if body.known else None
