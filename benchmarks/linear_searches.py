@@ -21,8 +21,8 @@ from steelyard.estimate.least_squares.known_bounded_and_ridge import (
     optimum_within,
     residual_squares,
 )
-from steelyard.estimate.least_squares.normal_equations import Fit, inverse_of_gram
 from steelyard.estimate.least_squares.normal_equations import described as described_fit
+from steelyard.estimate.least_squares.normal_equations import inverse_of_gram
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import Whitened, whitened
 from steelyard.excite.search.search_methods import minimised_by_cma_es, minimised_by_genes
 
@@ -50,7 +50,7 @@ class Box:
         Of a parameter that stands for others, which the data cannot distinguish from it, bounds do
         not hold: they are left out.
         """
-        solution, columns = data.fit.solution, data.fit.data.whole.layout.columns
+        solution, columns = data.fit, data.fit.data.whole.layout.columns
         tied = {name for blind in solution.blind for name in blind.tied_to}
         names = tuple(columns[k] for k in solution.kept)
         free = (-np.inf, np.inf)
@@ -66,15 +66,15 @@ class Box:
     def estimate(self, name: str, values: Array, notes: tuple[str, ...]) -> Estimate:
         """An estimate at values `(k,)`; its covariance counts the residuals that they leave."""
         fit = self.data.fit
-        data, old = fit.data, fit.solution
+        data, old = fit.data, fit
         full = np.zeros(len(old.values))
         full[old.kept] = values
         rise = residual_squares(fit, full) - residual_squares(fit, old.values)
         variances = fit.variances + np.maximum(rise, 0.0) / np.maximum(data.whole.n_samples, 1.0)
         matrix = data.normal(1.0 / variances)[0][np.ix_(old.kept, old.kept)]
         locals_ = tuple(part.solved(full) for part in data.normal(1.0 / variances)[2])
-        solution = replace(old, values=full, inverse=inverse_of_gram(matrix), locals=locals_)
-        found = Fit(data, solution, variances)
+        inverse = inverse_of_gram(matrix)
+        found = replace(fit, values=full, inverse=inverse, locals=locals_, variances=variances)
         made = described_fit(name, found, *covariances(found, scatter(fit) / variances))
         at_bounds = self.at_bounds(values)
         at = (f"at a bound: {', '.join(at_bounds)}",) if at_bounds else ()
@@ -161,7 +161,7 @@ def closed(box: Box) -> Box:
     $s$ is the parameter's size, $\max(|\varphi|, 3\sigma)$ of weighted least squares, and $r$ is
     `REACH`; where that range misses the bounds, it begins at the bound.
     """
-    solution = box.data.fit.solution
+    solution = box.data.fit
     sizes = np.maximum(
         np.abs(solution.values[solution.kept]), 3.0 * np.sqrt(np.diag(solution.inverse))
     )
@@ -182,8 +182,8 @@ def costs(box: Box, values: Array) -> Array:
 def rest_of(box: Box) -> float:
     """Weighted squares of the residuals that no values explain."""
     fit = box.data.fit
-    squares = float(np.sum(residual_squares(fit, fit.solution.values) / fit.variances))
-    left = box.root @ fit.solution.values[fit.solution.kept] - box.data.vector
+    squares = float(np.sum(residual_squares(fit, fit.values) / fit.variances))
+    left = box.root @ fit.values[fit.kept] - box.data.vector
     return max(squares - float(left @ left), 0.0)
 
 

@@ -94,7 +94,7 @@ def add_coverage(robot: Robot, found: Coverage) -> None:
         )
         assert posterior.learned is not None
         taught = posterior.learned >= LEARNED
-        deviations = [np.sqrt(np.diag(c)) for c in (fit.solution.inverse, sandwich(fit))]
+        deviations = [np.sqrt(np.diag(c)) for c in (fit.inverse, sandwich(fit))]
         inside = {
             WEIGHTED: _inside(estimate, estimate.std, true),
             CONSISTENT: _inside(posterior, posterior.std, true)[taught],
@@ -110,7 +110,7 @@ def sandwich(fit: Fit) -> Array:
 
     Its rank is $W - 1$ at most: of use only with several times more windows than parameters.
     """
-    kept, inverse = fit.solution.kept, fit.solution.inverse
+    kept, inverse = fit.kept, fit.inverse
     found: dict[str, Array] = {}
     for own, _, columns, _, scores in scores_of_windows(fit, len(fit.data.whole.windows)):
         found.setdefault(own.run, np.zeros((len(scores), len(kept))))

@@ -109,11 +109,11 @@ def test_without_noise_it_is_the_difference_to_a_fit_away_from_rests() -> None:
     fit = WeightedLeastSquares().fit(information)
     part = away(fit)
     assert part is not None
-    shift = part.solution.values - fit.solution.values
-    scores = np.linalg.inv(fit.solution.inverse) * 1e-6
-    found = fit.solution.inverse @ moved_scores(fit, 1.0 / fit.variances, scores)
+    shift = part.values - fit.values
+    scores = np.linalg.inv(fit.inverse) * 1e-6
+    found = fit.inverse @ moved_scores(fit, 1.0 / fit.variances, scores)
     assert np.abs(found - shift).max() < 1e-3 * np.abs(shift).max()
-    assert np.allclose(part.solution.values, TRUTH, atol=1e-4 * np.abs(TRUTH).max())
+    assert np.allclose(part.values, TRUTH, atol=1e-4 * np.abs(TRUTH).max())
 
 
 def test_where_all_is_beside_rests_nothing_is_reported() -> None:
@@ -121,7 +121,7 @@ def test_where_all_is_beside_rests_nothing_is_reported() -> None:
     fit = WeightedLeastSquares().fit(information)
     assert away(fit) is None
     assert np.array_equal(scatter(fit), inflations(fit))
-    assert not moved_scores(fit, 1.0 / fit.variances, np.linalg.inv(fit.solution.inverse)).any()
+    assert not moved_scores(fit, 1.0 / fit.variances, np.linalg.inv(fit.inverse)).any()
 
 
 def test_runs_with_friction_of_their_own_count_it_too() -> None:

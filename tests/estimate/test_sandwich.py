@@ -68,7 +68,7 @@ def data(
 
 def scores_by_window(fit: Fit) -> np.ndarray:
     """Scores of the shared columns in every window, shape `(windows, k)`."""
-    kept, found = fit.solution.kept, dict[str, np.ndarray]()
+    kept, found = fit.kept, dict[str, np.ndarray]()
     for own, _, columns, _, scores in scores_of_windows(fit, len(fit.data.whole.windows)):
         found.setdefault(own.run, np.zeros((len(scores), len(kept))))
         found[own.run] += scores @ shared_map(own, kept)[columns]
@@ -80,7 +80,7 @@ def test_scores_of_windows_are_those_of_dense_matrices() -> None:
     fit = WeightedLeastSquares(tolerance=1e-12).fit(information)
     scale = 1.0 / np.sqrt(fit.variances)
     rows = (dense * scale[:, None, None]).transpose(1, 0, 2)
-    residuals = ((effort - dense @ fit.solution.values) * scale[:, None]).T
+    residuals = ((effort - dense @ fit.values) * scale[:, None]).T
     scores = np.array(
         [
             np.einsum("njp,nj->p", rows[a : a + 200], residuals[a : a + 200])
@@ -95,13 +95,13 @@ def test_scores_of_windows_are_those_of_dense_matrices() -> None:
 def test_factors_are_those_of_dense_matrices() -> None:
     information, _, dense, effort = data(1, 5.0)
     fit = WeightedLeastSquares(tolerance=1e-12).fit(information)
-    inverse, found = fit.solution.inverse, inflations(fit)
+    inverse, found = fit.inverse, inflations(fit)
     for row in range(4):
         squares = expected = 0.0
         for a in range(0, 1600, 200):
             part = dense[row, a : a + 200] / np.sqrt(fit.variances[row])
             left = effort[row, a : a + 200] / np.sqrt(fit.variances[row])
-            left = left - part @ fit.solution.values
+            left = left - part @ fit.values
             hat = part @ inverse @ part.T
             squares += left @ hat @ left
             expected += np.trace(hat) - np.sum(hat * hat)
@@ -168,7 +168,7 @@ def test_many_runs_are_merged_so_that_the_cost_stays() -> None:
 def test_a_prior_counts_as_much_as_it_says() -> None:
     information, *_ = data(3, 8.0)
     fit = WeightedLeastSquares().fit(information)
-    precision = np.linalg.inv(fit.solution.inverse)
+    precision = np.linalg.inv(fit.inverse)
     prior = 3.0 * precision
     inverse = np.linalg.inv(precision + prior)
     factors = inflations(fit)
@@ -182,7 +182,7 @@ def test_without_a_prior_it_is_the_estimate_s_own_covariance() -> None:
     information, *_ = data(4, 8.0)
     fit = WeightedLeastSquares().fit(information)
     estimate = WeightedLeastSquares()(information)
-    found = honest_covariance(fit, fit.solution.inverse)
+    found = honest_covariance(fit, fit.inverse)
     size = np.sqrt(np.diag(found))
     assert np.abs((found - estimate.covariance) / size[:, None] / size).max() < 1e-9
 
@@ -203,7 +203,7 @@ def test_runs_of_their_own_keep_their_windows() -> None:
     assert own
     fit = WeightedLeastSquares(per_run=own).fit(split)
     assert inflations(fit).max() > 2.0
-    assert scores_by_window(fit).shape == (8, len(fit.solution.kept))
+    assert scores_by_window(fit).shape == (8, len(fit.kept))
 
 
 def runs_apart(seed: int, apart: float, count: int = 4) -> tuple[Information, np.ndarray]:

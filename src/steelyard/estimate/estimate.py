@@ -6,7 +6,15 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from steelyard.base.arrays import Z95, Array, Parameters, frozen, json_values, of_json_values
+from steelyard.base.arrays import (
+    Z95,
+    Array,
+    Parameters,
+    frozen,
+    json_values,
+    of_json_values,
+    set_fields,
+)
 
 Data = TypeVar("Data", contravariant=True)
 
@@ -56,6 +64,10 @@ class _Estimated:
 
     parameters: Parameters
     covariance: Array  # shape `(p, p)`
+
+    def __post_init__(self) -> None:
+        size = len(self.parameters)
+        set_fields(self, covariance=np.reshape(self.covariance, (size, size)))
 
     @property
     def std(self) -> Array:
@@ -192,9 +204,8 @@ class Estimate(_Estimated):
         for one in parts + ([] if found.standard is None else [found.standard]):
             size = len(one.parameters)
             frozen(one.learned if one.learned is not None else np.ones(size), (size,))
-            covariance = frozen(one.covariance, (size, size))
-            finite = np.isfinite(one.parameters.values).all() and np.isfinite(covariance).all()
-            if not finite or (np.diag(covariance) < 0.0).any():
+            finite = np.isfinite(one.parameters.values).all() and np.isfinite(one.covariance).all()
+            if not finite or (np.diag(one.covariance) < 0.0).any():
                 raise ValueError("an estimate or covariance is not finite, or a variance negative")
         return found
 

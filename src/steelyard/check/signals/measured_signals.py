@@ -157,7 +157,7 @@ def _unexplained(case: Case, log: CheckedLog) -> float | None:
         fit = WeightedLeastSquares().fit(information)
     except (SteelyardError, TypeError):
         return None
-    left = information.residual_squares(fit.solution.values)
+    left = information.residual_squares(fit.values)
     return float(np.sqrt(left.sum() / information.effort_squares().sum()))
 
 

@@ -45,7 +45,7 @@ from steelyard.estimate.consistent.prior_weight_and_contradictions import (
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap
 from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.normal_equations import Runs, Solution, described
+from steelyard.estimate.least_squares.normal_equations import Fit, Runs, described
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import Whitened, whitened
 from steelyard.estimate.prior.body_priors import Knowledge
 
@@ -193,10 +193,9 @@ class Consistent:
         standard = known.standard(u)
         lift, free = self.base.lift, program.constraints.free
         spread = lift @ (known.scale @ after)
-        solution = _solution(data, lift @ standard, spread @ spread.T, self.base)
-        fit = replace(data.fit, solution=solution)
+        fit = _fit(data, lift @ standard, spread @ spread.T, self.base)
         name = f"physically consistent ({self.form.name} prior)"
-        estimate = described(name, fit, solution.inverse)
+        estimate = described(name, fit, fit.inverse)
         names = estimate.parameters.names
         places = places_of(names, self.base.base_names)
         learned = _share(lift @ known.scale, free, after, before)[places]
@@ -339,16 +338,15 @@ def _share(parameters: Array, free: Array, after: Array, before: Array) -> Array
     return np.where(given | (guessed <= 0.0), 0.0, np.clip(1.0 - ratio, 0.0, 1.0))
 
 
-def _solution(data: Whitened, values: Array, covariance: Array, base: BaseMap) -> Solution:
-    """The values as a solution in base parameters, with the parameters of single runs."""
-    old, columns = data.fit.solution, data.fit.data.whole.layout.columns
-    rows = places_of(columns, base.base_names)
+def _fit(data: Whitened, values: Array, covariance: Array, base: BaseMap) -> Fit:
+    """The values as a fit in base parameters, with the parameters of single runs."""
+    rows = places_of(data.fit.data.whole.layout.columns, base.base_names)
     local = list(data.fit.data.local)
     full = values[rows]
     full[local] = 0.0
-    kept = [rows[k] for k in old.kept]
+    kept = [rows[k] for k in data.fit.kept]
     return replace(
-        old,
+        data.fit,
         values=full,
         inverse=covariance[np.ix_(kept, kept)],
         locals=tuple(part.solved(full) for part in data.eliminated),

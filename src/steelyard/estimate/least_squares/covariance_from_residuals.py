@@ -40,6 +40,7 @@ that of windows, and that of whole runs.
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -78,7 +79,7 @@ def moved(fit: Fit, weights: Array, root: Array, columns: Sequence[int], noise: 
 
 def moved_scores(fit: Fit, weights: Array, scores: Array) -> Array:
     """The same as an error of the normal vector, of which `scores` `(k, k)` is the covariance."""
-    kept = fit.solution.kept
+    kept = fit.kept
     if fit.data.whole.beside is None:
         return np.zeros(len(kept))
     root = _root(fit, weights)
@@ -88,17 +89,17 @@ def moved_scores(fit: Fit, weights: Array, scores: Array) -> Array:
 
 def away(fit: Fit) -> Fit | None:
     """The same fit to samples that are not beside rests; `None` if they do not identify all."""
-    data, weights, kept = fit.data.without_beside(), 1.0 / fit.variances, fit.solution.kept
+    data, weights, kept = fit.data.without_beside(), 1.0 / fit.variances, fit.kept
     root = _root(fit, weights)
     matrix, _, _, _ = data.normal(weights)
     if np.linalg.eigvalsh(root @ matrix[np.ix_(kept, kept)] @ root.T)[0] <= LEAST_EIGENVALUE_AWAY:
         return None
-    return Fit(data, solve(data, weights, fit.solution), fit.variances)
+    return replace(solve(data, weights, fit), variances=fit.variances)
 
 
 def _root(fit: Fit, weights: Array) -> Array:
-    """From normal vectors over the columns `fit.solution.kept` to white coordinates."""
-    kept = fit.solution.kept
+    """From normal vectors over the columns `fit.kept` to white coordinates."""
+    kept = fit.kept
     unit, lengths = unit_length(fit.data.normal(weights)[0][np.ix_(kept, kept)])
     return np.asarray(np.linalg.inv(np.linalg.cholesky(unit)) / lengths)
 
@@ -142,7 +143,7 @@ def _scatter(fit: Fit, most: int) -> Array:
     found, expected, squares = np.zeros((3, 1 if mixed else len(fit.variances)))
     windows = scores_of_windows(fit, most)
     for own, row, columns, grams, scores in _mixed(windows) if mixed else windows:
-        known, inverse = own.joined(fit.solution.kept, fit.solution.inverse)
+        known, inverse = own.joined(fit.kept, fit.inverse)
         mine = places_of(columns, known)
         inverse = inverse[np.ix_(mine, mine)]
         taken = inverse @ grams
@@ -183,15 +184,14 @@ def covariances(
     The noise is the variance of the residuals times the square of their weight, per row. What
     samples beside rests move is added where rows have weights.
     """
-    solution = fit.solution
-    kept, inverse = solution.kept, solution.inverse
-    scores = scores_of(fit.data, solution.locals, kept, noise)
+    kept, inverse = fit.kept, fit.inverse
+    scores = scores_of(fit.data, fit.locals, kept, noise)
     covariance = inverse @ scores @ inverse
     if weights is not None:
         shift = inverse @ moved_scores(fit, weights, scores)
         covariance += np.outer(shift, shift)
     each = []
-    for run, own in zip(fit.data.runs, solution.locals, strict=True):
+    for run, own in zip(fit.data.runs, fit.locals, strict=True):
         slopes, mine = own.slopes[:, kept], own.inverse @ run.normal(noise)[0][list(own.columns)]
         cross = mine @ shared_map(own, kept) @ inverse @ slopes.T
         alone = mine[:, list(own.columns)] @ own.inverse
@@ -217,7 +217,7 @@ def score_covariance(fit: Fit, factors: Array, weights: Array) -> Array:
     With weights of the rows, `(rows,)`; $s$ see `moved_scores`.
     """
     noise = factors * fit.variances * np.square(weights)
-    middle = scores_of(fit.data, fit.solution.locals, fit.solution.kept, noise)
+    middle = scores_of(fit.data, fit.locals, fit.kept, noise)
     shift = moved_scores(fit, weights, middle)
     return np.asarray(middle + np.outer(shift, shift))
 
@@ -243,11 +243,11 @@ def scores_of_windows(fit: Fit, most: int) -> Iterator[Scores]:
     With the Gram matrices of these in every window, and their products with the residuals, both
     over the row's variance.
     """
-    solution, whole = fit.solution, fit.data.whole
-    for run, own in zip(fit.data.runs, solution.locals, strict=True):
+    whole = fit.data.whole
+    for run, own in zip(fit.data.runs, fit.locals, strict=True):
         mine = sorted(k for name in run.windows_of_runs for k in whole.windows_of_runs[name])
-        windows, values = whole.of(mine).merged(most), own.among(solution.values)
-        known = {*solution.kept, *own.columns}
+        windows, values = whole.of(mine).merged(most), own.among(fit.values)
+        known = {*fit.kept, *own.columns}
         for row, seen in enumerate(windows.layout.sees):
             grams = windows.row_grams(row) / fit.variances[row]
             places = [k for k, column in enumerate(seen) if column in known]

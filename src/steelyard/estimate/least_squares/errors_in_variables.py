@@ -291,11 +291,11 @@ class TotalLeastSquares:
     def __call__(self, information: Information) -> Estimate:
         """Estimate all columns that the data see."""
         fit = WeightedLeastSquares(per_run=self.per_run).fit(information)
-        kept, weights = fit.solution.kept, 1.0 / fit.variances
+        kept, weights = fit.kept, 1.0 / fit.variances
         matrix, vector, _, _ = fit.data.normal(weights)
         unit, lengths = unit_length(matrix[np.ix_(kept, kept)])
         square = 0.0
-        for run, own in zip(fit.data.runs, fit.solution.locals, strict=True):
+        for run, own in zip(fit.data.runs, fit.locals, strict=True):
             _, of_run, size = run.normal(weights)
             square += size - float(of_run[list(own.columns)] @ own.offset)
         effort = np.sqrt(max(square, 0.0))

@@ -23,11 +23,9 @@ from steelyard.estimate.least_squares.known_bounded_and_ridge import (
     residual_squares,
 )
 from steelyard.estimate.least_squares.normal_equations import (
-    Fit,
     Runs,
     described,
     solve,
-    variances_of,
 )
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.prior.body_priors import Knowledge
@@ -121,23 +119,22 @@ class Genetic:
     def __call__(self, information: Information) -> Estimate:
         """Estimate all columns that the data see; a `DataError` names those without bounds."""
         data, ones = Runs.of(information, ()), np.ones(len(information.layout.rows))
-        solution = solve(data, ones)
-        free = Fit(data, solution, variances_of(data, solution, ones))
-        names = tuple(information.layout.columns[k] for k in solution.kept)
+        free = solve(data, ones)
+        names = tuple(information.layout.columns[k] for k in free.kept)
         lower, upper = self._box(names)
-        optimum = solution.values[solution.kept]
-        least = float(residual_squares(free, solution.values).sum())
+        optimum = free.values[free.kept]
+        least = float(residual_squares(free, free.values).sum())
         count = float(information.n_samples.sum())
 
         def error(values: Array) -> Array:
             away = values - optimum
-            squares = least + np.sum(away @ solution.normal * away, axis=1)
+            squares = least + np.sum(away @ free.normal * away, axis=1)
             return np.asarray(np.sqrt(np.maximum(squares, 0.0) / count))
 
         values, history = evolved(error, lower, upper, self.settings, self.progress)
         best, mean = history.T
-        full = np.zeros(len(solution.values))
-        full[solution.kept] = values
+        full = np.zeros(len(free.values))
+        full[free.kept] = values
         fit = free.at(full)
         factors = scatter(WeightedLeastSquares().fit(information))
         made = described("genetic algorithm", fit, *covariances(fit, factors * fit.variances, ones))

@@ -114,7 +114,7 @@ def base_bounds(base: BaseMap, knowledge: Knowledge) -> Bounds:
 def residual_squares(fit: Fit, values: Array) -> Array:
     """Squared residuals per row `(rows,)` at shared values `(p,)`, each run's own fitted."""
     total = np.zeros(len(fit.variances))
-    for run, own in zip(fit.data.runs, fit.solution.locals, strict=True):
+    for run, own in zip(fit.data.runs, fit.locals, strict=True):
         total += run.residual_squares(own.solved(values).among(values))
     return total
 
@@ -134,22 +134,22 @@ class BoundedLeastSquares:
     def __call__(self, information: Information) -> Estimate:
         """Estimate all columns that the data see."""
         problem, columns = whitened(information, self.per_run), information.layout.columns
-        fit, old = problem.fit, problem.fit.solution
-        tied = {name for blind in old.blind for name in blind.tied_to}
-        names, free = [columns[k] for k in old.kept], (-np.inf, np.inf)
+        fit = problem.fit
+        tied = {name for blind in fit.blind for name in blind.tied_to}
+        names, free = [columns[k] for k in fit.kept], (-np.inf, np.inf)
         ends = [free if name in tied else self.bounds.get(name, free) for name in names]
         lower, upper = np.array(ends, dtype=np.float64).reshape(-1, 2).T
         root = problem.matrix[:, [problem.names.index(name) for name in names]]
         values = optimum_within(root, problem.vector, lower, upper)
-        full = np.zeros(len(old.values))
-        full[old.kept] = values
-        rise = residual_squares(fit, full) - residual_squares(fit, old.values)
+        full = np.zeros(len(fit.values))
+        full[fit.kept] = values
+        rise = residual_squares(fit, full) - residual_squares(fit, fit.values)
         counts = np.maximum(information.n_samples, 1.0)
         variances = fit.variances + np.maximum(rise, 0.0) / counts
         matrix, _, eliminated, _ = fit.data.normal(1.0 / variances)
-        inverse = inverse_of_gram(matrix[np.ix_(old.kept, old.kept)])
+        inverse = inverse_of_gram(matrix[np.ix_(fit.kept, fit.kept)])
         own = tuple(part.solved(full) for part in eliminated)
-        found = Fit(fit.data, replace(old, values=full, inverse=inverse, locals=own), variances)
+        found = replace(fit, values=full, inverse=inverse, locals=own, variances=variances)
         both = covariances(found, scatter(fit) / variances)
         slack = AT_BOUND / np.linalg.norm(root, axis=0)
         at = np.flatnonzero((values <= lower + slack) | (values >= upper - slack))
@@ -206,13 +206,13 @@ class Ridge:
     def __call__(self, information: Information) -> Estimate:
         """Estimate all columns that the data see."""
         fit = WeightedLeastSquares(per_run=self.per_run).fit(information)
-        solution, kept = fit.solution, fit.solution.kept
+        kept = fit.kept
         matrix, vector, _, _ = fit.data.normal(1.0 / fit.variances)
         names, given = information.layout.columns, dict(self.towards)
         aim = np.array([given.get(name, 0.0) for name in names])
-        target = solution.inverse @ (matrix[kept] @ aim)
+        target = fit.inverse @ (matrix[kept] @ aim)
         unit, lengths = unit_length(matrix[np.ix_(kept, kept)])
-        problem = _RidgeProblem.of(unit, lengths * (solution.values[kept] - target), fit)
+        problem = _RidgeProblem.of(unit, lengths * (fit.values[kept] - target), fit)
         weight = problem.best() if self.weight is None else self.weight
         values, left = np.zeros(len(vector)), problem.eigenvalues + weight
         step = problem.vectors @ (problem.eigenvalues / left * problem.free)
@@ -246,8 +246,8 @@ class _RidgeProblem:
     @classmethod
     def of(cls, unit: Array, deviation: Array, fit: Fit) -> "_RidgeProblem":
         values, vectors = np.linalg.eigh(unit)
-        rest = float(np.sum(residual_squares(fit, fit.solution.values) / fit.variances))
-        spent = sum(len(own.columns) for own in fit.solution.locals)
+        rest = float(np.sum(residual_squares(fit, fit.values) / fit.variances))
+        spent = sum(len(own.columns) for own in fit.locals)
         count = float(fit.data.whole.n_samples.sum()) - spent
         return cls(np.maximum(values, 0.0), vectors, vectors.T @ deviation, rest, count)
 

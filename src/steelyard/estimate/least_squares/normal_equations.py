@@ -133,36 +133,29 @@ def explained(
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
-    """Values of all columns (unseen ones zero), those kept, and the inverse Gram of these."""
+class Fit:
+    """Values of all columns (unseen ones zero), the information they are from, and what it sees."""
 
+    data: Runs
     values: Array  # shared columns, `(p,)`; columns of single runs are zero here
     kept: list[int]  # shared columns that the data see
     inverse: Array  # inverse of the normal matrix of `kept`
     locals: tuple[Eliminated, ...]  # per run its own columns, see `Runs`
     blind: tuple[Unidentifiable, ...]
     normal: Array  # normal matrix of `kept`
-
-
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """A fit, the information it was made from, and residual variances of the rows, `(rows,)`."""
-
-    data: Runs
-    solution: Solution
-    variances: Array
+    variances: Array  # residual variances of the rows, `(rows,)`
 
     def at(self, values: Array) -> "Fit":
         """Other values of the shared columns, `(p,)`, under the same weights of rows."""
-        parts = tuple(part.solved(values) for part in self.solution.locals)
-        solution = replace(self.solution, values=values, locals=parts)
-        return Fit(self.data, solution, variances_of(self.data, solution, 1.0 / self.variances))
+        parts = tuple(part.solved(values) for part in self.locals)
+        found = replace(self, values=values, locals=parts)
+        return replace(found, variances=variances_of(found, 1.0 / self.variances))
 
 
-def solve(data: Runs, weights: Array, before: Solution | None = None) -> Solution:
+def solve(data: Runs, weights: Array, before: Fit | None = None) -> Fit:
     """Least squares over all rows, each with a weight, shape `(rows,)`.
 
-    It begins with the columns of the solution before, with other weights, which mostly sees the
+    It begins with the columns of the fit before, with other weights, which mostly sees the
     same; a `DataError` says that the data show no parameter.
     """
     information = data.whole
@@ -188,14 +181,9 @@ def solve(data: Runs, weights: Array, before: Solution | None = None) -> Solutio
     first = inverse @ (vector[kept] / scale)
     first += inverse @ (vector[kept] / scale - reduced @ first)
     values[kept] = first / scale
-    return Solution(
-        values,
-        kept,
-        inverse / scale[:, None] / scale,
-        tuple(part.solved(values) for part in eliminated),
-        blind,
-        frozen(normal),
-    )
+    inverse, parts = inverse / scale[:, None] / scale, [x.solved(values) for x in eliminated]
+    fit = Fit(data, values, kept, inverse, tuple(parts), blind, frozen(normal), 1.0 / weights)
+    return replace(fit, variances=variances_of(fit, weights))
 
 
 def refuse_few(information: Information, parameters: int, each: float) -> None:
@@ -247,14 +235,14 @@ def _all_new(unit: Array) -> bool:
         return False
 
 
-def variances_of(data: Runs, solution: Solution, weights: Array) -> Array:
+def variances_of(fit: Fit, weights: Array) -> Array:
     """Residual variance per row; a fit takes from each row the degrees of freedom it used there."""
-    layout, counts = data.whole.layout, data.whole.n_samples
+    data, layout, counts = fit.data, fit.data.whole.layout, fit.data.whole.n_samples
     squares, used = np.zeros(len(layout.rows)), np.zeros(len(layout.rows))
-    for run, own in zip(data.runs, solution.locals, strict=True):
-        columns, covariance = own.joined(solution.kept, solution.inverse)
+    for run, own in zip(data.runs, fit.locals, strict=True):
+        columns, covariance = own.joined(fit.kept, fit.inverse)
         position = {column: k for k, column in enumerate(columns)}
-        squares += run.residual_squares(own.among(solution.values))
+        squares += run.residual_squares(own.among(fit.values))
         for row, seen in enumerate(layout.sees):
             mine = [k for k, column in enumerate(seen) if column in position]
             place = [position[seen[k]] for k in mine]
@@ -292,11 +280,11 @@ def described(
 
     That of the shared parameters, and per run that of its own; as the former makes it if `None`.
     """
-    data, solution, layout = fit.data, fit.solution, fit.data.whole.layout
+    layout = fit.data.whole.layout
     if locals_ is None:
-        locals_ = [part.covariance(solution.kept, shared) for part in solution.locals]
-    values, covariance, own = _with_locals(solution, shared, locals_)
-    columns = [*solution.kept, *own]
+        locals_ = [part.covariance(fit.kept, shared) for part in fit.locals]
+    values, covariance, own = _with_locals(fit, shared, locals_)
+    columns = [*fit.kept, *own]
     order = np.argsort(columns)
 
     def named(some: Sequence[int], values: Array) -> Parameters:
@@ -308,35 +296,35 @@ def described(
         estimator=name,
         parameters=named([columns[k] for k in order], values[order]),
         covariance=frozen(covariance[np.ix_(order, order)]),
-        blind=solution.blind,
+        blind=fit.blind,
         sigma=frozen(np.sqrt(fit.variances)),
-        n_samples=frozen(data.whole.n_samples),
-        condition=condition_of(solution.normal),
-        condition_normalised=condition_of(unit_length(solution.normal)[0]),
+        n_samples=frozen(fit.data.whole.n_samples),
+        condition=condition_of(fit.normal),
+        condition_normalised=condition_of(unit_length(fit.normal)[0]),
         per_run=tuple(
             RunParameters(
                 part.run, named(part.columns, part.values), frozen(np.sqrt(np.diag(covariance)))
             )
-            for part, covariance in zip(solution.locals, locals_, strict=True)
+            for part, covariance in zip(fit.locals, locals_, strict=True)
             if part.columns
         ),
     )
 
 
 def _with_locals(
-    solution: Solution, shared: Array, locals_: Sequence[Array]
+    fit: Fit, shared: Array, locals_: Sequence[Array]
 ) -> tuple[Array, Array, list[int]]:
     """Shared values and covariance, joined by what a new run is to be expected to have.
 
     Of a column that every run has for itself that is the mean over runs, with the variance
     between runs (of one run alone: its own).
     """
-    own = sorted({column for part in solution.locals for column in part.columns})
+    own = sorted({column for part in fit.locals for column in part.columns})
     means, variances = [], []
     for column in own:
         parts = [
             (part.values[k], covariance[k, k])
-            for part, covariance in zip(solution.locals, locals_, strict=True)
+            for part, covariance in zip(fit.locals, locals_, strict=True)
             for k, mine in enumerate(part.columns)
             if mine == column
         ]
@@ -347,7 +335,7 @@ def _with_locals(
     total = np.zeros((size + len(own), size + len(own)))
     total[:size, :size] = (shared + shared.T) / 2.0
     total[range(size, len(total)), range(size, len(total))] = variances
-    return np.concatenate([solution.values[solution.kept], means]), total, own
+    return np.concatenate([fit.values[fit.kept], means]), total, own
 
 
 def unit_length(gram: Array) -> tuple[Array, Array]:

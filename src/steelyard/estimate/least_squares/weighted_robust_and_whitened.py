@@ -36,14 +36,12 @@ from steelyard.estimate.least_squares.normal_equations import (
     Eliminated,
     Fit,
     Runs,
-    Solution,
     described,
     inverse_of_gram,
     lengths_of,
     refuse_few,
     scores_of,
     solve,
-    variances_of,
 )
 
 DEPTH = 4  # earlier points that are mixed
@@ -61,8 +59,7 @@ class OrdinaryLeastSquares:
         """Estimate all columns that the data see."""
         data = Runs.of(information, self.per_run)
         ones = np.ones(len(information.layout.rows))
-        solution = solve(data, ones)
-        fit = Fit(data, solution, variances=variances_of(data, solution, ones))
+        fit = solve(data, ones)
         factors = scatter(WeightedLeastSquares(per_run=self.per_run).fit(information))
         both = covariances(fit, factors * fit.variances, ones)
         estimate = described("ordinary least squares", fit, *both)
@@ -91,17 +88,16 @@ class WeightedLeastSquares:
         energy = information.effort_squares() / np.maximum(information.n_samples, 1.0)
         logs = np.log(np.where(energy > 0.0, energy, 1.0))
         points, changes = list[Array](), list[Array]()
-        before: Solution | None = None
+        fit: Fit | None = None
         for _ in range(self.rounds):
-            weights = np.exp(-logs)
-            solution = before = solve(data, weights, before)
-            variances = variances_of(data, solution, weights)
+            fit = solve(data, np.exp(-logs), fit)
             points.append(logs)
-            changes.append(np.log(variances) - logs)
+            changes.append(np.log(fit.variances) - logs)
             if np.abs(changes[-1]).max() < self.tolerance:
                 break
             logs = mixed(points, changes)
-        return Fit(data, solution, variances)
+        assert fit is not None
+        return fit
 
 
 MOST_WINDOWS_APART = 48  # windows that are kept apart, for the correlation of residuals

@@ -148,7 +148,7 @@ class Scaled:
         wide = replace(self._wide(scales), gamma=scales.gamma or None)
         found = wide(self._extended(logged, scales))
         standard = None if found.standard is None else found.standard.without(self._names)
-        own = whitened(information, equal=self.estimator.equal).fit.solution
+        own = whitened(information, equal=self.estimator.equal).fit
         return replace(
             found.without(self._names),
             standard=standard,

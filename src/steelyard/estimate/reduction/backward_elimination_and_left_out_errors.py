@@ -49,7 +49,7 @@ class FullModel:
     @classmethod
     def of(cls, information: Information, *, equal: bool = False) -> "FullModel":
         """Weighted least squares of all columns that the data show; `equal` weighs rows alike."""
-        blind = WeightedLeastSquares().fit(information).solution.blind
+        blind = WeightedLeastSquares().fit(information).blind
         hidden = {one.name for one in blind}
         shown = [name for name in information.layout.columns if name not in hidden]
         seen = information.select(shown) if blind else information
