@@ -210,11 +210,9 @@ def _in_unit_of_log(task: FitTask, runs: Sequence[Run]) -> Model:
         for kind, value in zip(INERTIAL_NAMES, ten, strict=True)
     }
     standard = [nominal.get(name, 0.0) for name in base.names]
-    values = dict(zip(base.base_names, base.base_values(standard), strict=True))
-    sizes = []
+    values, sizes = base.values_of(information.layout.columns, standard), []
     for row, sees in enumerate(information.layout.sees):
-        gram = information.row_gram(row)
-        own = np.array([values.get(information.layout.columns[k], 0.0) for k in sees])
+        gram, own = information.row_gram(row), values[list(sees)]
         moved = float(own @ gram[:-1, :-1] @ own)
         if moved > 0.0 and gram[-1, -1] > 0.0:
             sizes.append(0.5 * np.log(gram[-1, -1] / moved))

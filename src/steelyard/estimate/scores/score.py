@@ -149,9 +149,9 @@ def score(
             sure = np.stack([part.std / size, np.abs(part.dq), half / size])
         thinned.add(part.t, part.moving, *part.efforts[:2], sure)
         if split is not None:
-            causes, measured = part.efforts[-len(PARTS) :], part.efforts[0]
-            if run.has_unknown_forces:  # without the forces of contacts
-                measured = measured - part.efforts[1] + causes.sum(axis=0)
+            causes = part.efforts[-len(PARTS) :]
+            # without forces of contacts that are unknown, which the prediction has
+            measured = part.efforts[0] - part.efforts[1] + causes.sum(axis=0)
             kept.add(part.t, part.moving, part.q, part.dq, measured, causes)
     if not squares.samples:
         raise no_closed_sample(valued, run)
