@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.base.arrays import Z95, Array
+from steelyard.base.arrays import Z95, Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.base.motion import numbers
-from steelyard.estimate.covariance_and_band_widths import rest_speed_of
+from steelyard.estimate.covariance_and_band_widths import EffortUncertainty, rest_speed_of
 from steelyard.estimate.external.contact_thresholds import ChangeStepper, ContactThresholds
 from steelyard.estimate.external.wrench_methods_and_observer_step import (
     STATES,
@@ -99,8 +99,8 @@ class Observer:
         """Samples so far, and gaps in time among them."""
         self._n, columns = n, columns_quantity(identified.base.independent)
         self._columns = partial(identified.start().evaluate, columns)
-        self._uncertainty = identified.effort_uncertainty(NOISE * bandwidth)
-        self._rest_speed = rest_speed_of(n, identified.calibration, given)[:, None]
+        rest_speed = rest_speed_of(n, identified.calibration, given)
+        self._noise = _Noise(identified.effort_uncertainty(NOISE * bandwidth), rest_speed)
         self._thresholds = None if thresholds is None else thresholds.start()
         self._changes = None if thresholds is None else ChangeStepper(thresholds.changes)
         self._limits, self._changed = np.full(n, np.nan), np.zeros(n, dtype=bool)
@@ -158,10 +158,8 @@ class Observer:
             motion = (self._q, self._dq, self._accelerations())
             self._channels[:] = self._scan(*(x[:, None] for x in motion))[:, 0]
         if t >= self._due:  # the covariance of the efforts changes no faster than the observer
-            entries = self._columns(self._q, self._dq, self._accelerations())[None]
-            speed = np.abs(self._dq)[:, None]
-            moves = speed > self._rest_speed
-            self._covariance[:] = self._uncertainty.covariance(entries, speed, moves)[0]
+            entries = self._columns(self._q, self._dq, self._accelerations())
+            self._covariance[:] = self._noise(entries, self._dq)
             self._due = t + self._hold
         if not self._evaluation.call():
             check_angles(self._q)
@@ -237,3 +235,33 @@ class Observer:
 
 def _refused(wrong: str, fix: str) -> DataError:
     return DataError(wrong, where="samples of an observer", fix=fix)
+
+
+class _Noise:
+    """Covariance of what the model predicts wrongly, at single samples.
+
+    What depends on the range of speed of each joint alone is computed once per combination.
+    """
+
+    def __init__(self, uncertainty: EffortUncertainty, rest_speed: Array) -> None:
+        self._uncertainty, self._rest = uncertainty, rest_speed[:, None]
+        known = uncertainty.calibration
+        edges = np.empty((len(rest_speed), 0)) if known is None else known.edges
+        self._edges = frozen(np.maximum(np.hstack([self._rest, edges]), self._rest))
+        self._factor = np.ascontiguousarray(uncertainty.factor)
+        self._of_speed: dict[bytes, tuple[Array, Array]] = {}
+
+    def __call__(self, columns: Array, dq: Array) -> Array:
+        """Covariance, shape `(n, n)`, of regressor entries `(n, c)` at velocities `(n,)`."""
+        place = np.abs(dq)[:, None] > self._edges
+        key = place.tobytes()
+        if key not in self._of_speed:
+            speed = np.abs(dq)[:, None]
+            moving = speed > self._rest
+            nothing = np.zeros((1, len(speed), self._factor.shape[0]))
+            noise = self._uncertainty.covariance(nothing, speed, moving)[0]
+            scale = np.maximum(self._uncertainty.factor_of(speed, moving), 1.0)
+            self._of_speed[key] = noise, scale
+        noise, scale = self._of_speed[key]
+        spread = (columns @ self._factor) * scale
+        return np.asarray(spread @ spread.T + noise)
