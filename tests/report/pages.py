@@ -27,7 +27,6 @@ from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS
 from steelyard.identify.page.report_content_and_error_words import ReportContent
 from steelyard.identify.scores_and_model_report import render
 from steelyard.report.page import render_sections
-from steelyard.simulate.tracking_sections import TRACK_SECTIONS
 from steelyard.uses.payload.payload import render_payload_events
 
 PAGES = (
@@ -58,7 +57,7 @@ def pages_of(
         "models": render_sections(COMPARE_MODELS_SECTIONS, models, "compared"),
         "check": render_check(check_content("arm")),
         "motion": render_design(motion_content(designed_for(robot()))),
-        "tracking": render_sections(TRACK_SECTIONS, tracking_content(robot()), "simulated"),
+        "tracking": tracking_content(robot()).report(),
         "contact": contact_content().report(),
         "wrench": wrench_content().report(),
         "measured wrench": measured_wrench_content().report(),

@@ -214,10 +214,12 @@ def notes(name: str, title: str, sentences: Sequence[str], *, folded: bool = Fal
     return Shown(name, title, fill("notes.html", {"notes": sentences}), folded)
 
 
-def inspected_page(title: str, robot: str, sections: Iterable[Shown | None]) -> str:
-    """The page of what was found in logs, as HTML text, to be written as UTF-8."""
+def whole_page(
+    title: str, robot: str, sections: Iterable[Shown | None], made: str = "inspected"
+) -> str:
+    """The page of what was found in logs, or `made` else, as HTML text, to be written as UTF-8."""
     shown = [one for one in sections if one is not None]
-    return page_of(title, robot, "inspected", installed("steelyard"), shown)
+    return page_of(title, robot, made, installed("steelyard"), shown)
 
 
 def page_of(

@@ -3,10 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from steelyard.base.arrays import Array, Parameters, frozen, set_fields
 from steelyard.base.checked_arguments import checked
@@ -17,15 +15,13 @@ from steelyard.excite.trajectories.trajectory_files import read_motion
 from steelyard.identify.comparison.compare import named_models
 from steelyard.model.equations.frame_and_point_kinematics import frame_of, last_frame
 from steelyard.model.model import Model, ValuedModel
-from steelyard.report.page import render_sections
-from steelyard.report.result import Result
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Frame, Robot, refuse_floating
 from steelyard.simulate.drives_sensors_and_loads import Drives, customary_drives
 from steelyard.simulate.ground_truth import Truth
 from steelyard.simulate.simulate import true_robot
-from steelyard.simulate.tracking_sections import TRACK_SECTIONS, TrackingContent
+from steelyard.simulate.tracking_page import TrackingComparison
 from steelyard.simulate.virtual_robot import VirtualRobot
 from steelyard.uses.control.feedforward import (
     refuse_other_robot,
@@ -142,39 +138,6 @@ def tracking(
     return Tracking(robot, frame, frozen(t), frozen(desired), tuple(runs))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class TrackingComparison(Result):
-    """A motion run under control with and without a model."""
-
-    content: TrackingContent
-    page_name, json_name = "tracking.html", "tracking.json"
-
-    @property
-    def tracking(self) -> Tracking:
-        """Errors of the joints and of the tool."""
-        return self.content.tracking
-
-    def report(self) -> str:
-        """The report as one self-contained HTML page."""
-        return render_sections(TRACK_SECTIONS, self.content, "simulated")
-
-    def to_dict(self) -> dict[str, Any]:
-        """The numbers as JSON values, as `steelyard track --json` prints them."""
-        found = {"robot": self.content.robot, "settings": dict(self.content.settings)}
-        for section in TRACK_SECTIONS:
-            found |= section.to_dict(self.content)
-        return {**found, "notes": list(self.content.notes)}
-
-    def show(self, console: Console) -> None:
-        """Print the errors."""
-        for section in TRACK_SECTIONS:
-            for part in section.printed(self.content):
-                console.print(part)
-                console.print()
-        for note in self.content.notes:
-            console.print(f"note: {note}", markup=False)
-
-
 @checked(friction_drift=0, lag=0, seed=0)
 def track(
     robot: str | Path | LoadedRobot,
@@ -238,14 +201,6 @@ def track(
         ("factor on true friction", f"{friction_drift:g}"),
         ("lag of the drives' torque", f"{1e3 * lag:g} ms"),
     )
-    notes = tuple(
-        dict.fromkeys(note for each in named.values() for note in remarks_on_torques(each))
-    )
-    content = TrackingContent(
-        title=f"Tracking of {loaded.robot.name}",
-        robot=loaded.robot.name,
-        tracking=found,
-        notes=(*loaded.notes, *notes),
-        settings=settings,
-    )
-    return TrackingComparison(content)
+    remarks = (note for each in named.values() for note in remarks_on_torques(each))
+    notes = tuple(dict.fromkeys((*loaded.notes, *remarks)))
+    return TrackingComparison(loaded.robot.name, found, settings, notes)

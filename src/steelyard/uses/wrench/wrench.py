@@ -24,7 +24,7 @@ from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.identify.runs_and_notes_of_logs import left_out, notes_of, runs_for, was_fitted
 from steelyard.logs.formats import open_log, write_table
 from steelyard.logs.log_and_errors import parse_log_argument
-from steelyard.report.page import figures, inspected_page, notes
+from steelyard.report.page import figures, notes, whole_page
 from steelyard.report.page_figures import Figure, Group, Key, Traced, area, evenly, line
 from steelyard.report.result import Result, print_verdict
 from steelyard.report.tables import PlainTable, Row, narrow_table
@@ -279,7 +279,7 @@ class ExternalWrench(Result):
             ),
             notes("details", "Notes", self.details, folded=True),
         )
-        return inspected_page(f"{self.robot}: wrench in {found.run}", self.robot, sections)
+        return whole_page(f"{self.robot}: wrench in {found.run}", self.robot, sections)
 
     def to_dict(self) -> dict[str, Any]:
         """What was estimated as JSON values, without the samples."""

@@ -1,23 +1,23 @@
-"""Tracking errors of every joint and of the tool: tables, errors over time, paths."""
+"""What `steelyard track` finds: errors of every joint and of the tool, as a page and a text."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from rich.console import Console
+from rich.text import Text
 
 from steelyard.base.arrays import Array, finite_json, records
-from steelyard.identify.page.gains_offsets_search_and_settings import SettingsSection
-from steelyard.report.page import FigureSection, Numbers, PageContent, Section
+from steelyard.report.page import Shown, figures, fill, whole_page
 from steelyard.report.page_figures import Figure, Group, Key, evenly, line, thin
+from steelyard.report.result import Result
 from steelyard.report.tables import PlainTable, Row, text_table
 from steelyard.report.words import NONE, significant
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
-
     from steelyard.robot.robot import Coordinate
     from steelyard.simulate.track import TrackedRun, Tracking
 
@@ -25,39 +25,56 @@ ERROR_UNITS = {"rad": ("°", 180.0 / np.pi), "m": ("mm", 1e3)}
 """Units of joint errors for people, by that of the joint, and their factors."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class TrackingContent(PageContent):
-    """What the page of `steelyard track` shows: a motion run under several controllers."""
+@dataclass(frozen=True, eq=False, repr=False)
+class TrackingComparison(Result):
+    """A motion run under control with and without a model."""
 
-    tracking: Tracking
+    robot: str
+    tracking: Tracking  # errors of the joints and of the tool
+    settings: tuple[tuple[str, str], ...]  # what the results depend on, labelled
+    notes: tuple[str, ...] = ()
+    page_name, json_name = "tracking.html", "tracking.json"
 
+    def report(self) -> str:
+        """The report as one self-contained HTML page."""
+        found = self.tracking
+        errors = {"headline": headline(found), "tables": tables(found)}
+        told = {"settings": self.settings, "notes": self.notes, "origin": None}
+        name, legend = "Tracking errors", legend_of(found)
+        sections = (
+            Shown("tracking", name, fill("tracking.html", {"title": name, **errors})),
+            figures("tool-path", "Path of the tool", groups=[_paths(found)], legend=legend),
+            figures(
+                "errors-over-time",
+                "Errors over time",
+                groups=[_errors_over_time(found)],
+                legend=legend[1:],
+            ),
+            Shown("settings", "Notes and settings", fill("settings.html", told), folded=True),
+        )
+        return whole_page(f"Tracking of {self.robot}", self.robot, sections, "simulated")
 
-class TrackingErrorsSection(
-    Section, name="tracking", title="Tracking errors", template="tracking.html"
-):
-    """Headline, and tables of root mean square and largest errors."""
-
-    def numbers(self, content: TrackingContent) -> Numbers:
-        """The tables."""
-        found = content.tracking
-        return {"headline": headline(found), "tables": tables(found)}
-
-    def to_dict(self, content: TrackingContent) -> dict[str, Any]:
-        """The headline, and errors per controller, SI units."""
-        found = content.tracking
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers as JSON values, SI units, as `steelyard track --json` prints them."""
+        found = self.tracking
         joints = found.robot.coordinates
         return {
+            "robot": self.robot,
+            "settings": dict(self.settings),
             "headline": headline(found),
             "random_truth": found.random_truth,
             "controllers": [_run_values(found, run, joints) for run in found.runs],
+            "notes": list(self.notes),
         }
 
-    def printed(self, content: TrackingContent) -> Iterable[RenderableType]:
-        """The headline and the tables."""
-        from rich.text import Text
-
-        yield Text(headline(content.tracking), style="bold")
-        yield from (text_table(table, self.title) for table in tables(content.tracking))
+    def show(self, console: Console) -> None:
+        """Print the errors."""
+        words = Text(headline(self.tracking), style="bold")
+        for part in (words, *(text_table(table, "") for table in tables(self.tracking))):
+            console.print(part)
+            console.print()
+        for note in self.notes:
+            console.print(f"note: {note}", markup=False)
 
 
 def headline(found: Tracking) -> str:
@@ -141,23 +158,18 @@ PATH_POINTS = 4000  # points of a path
 ENLARGED_SHARE = 0.05  # share of the path's width that the largest deviation is drawn with
 
 
-class ToolPathSection(FigureSection, name="tool-path", title="Path of the tool"):
+def _paths(found: Tracking) -> Group:
     """Two pictures in the plane in which the path is widest."""
-
-    def numbers(self, content: TrackingContent) -> Numbers:
-        """Paths."""
-        found = content.tracking
-        a, b = plane(found)
-        factor = magnification(found)
-        words = f"deviations {factor:g} times as large"
-        figures = [
-            _path_figure(found, (a, b), 1.0, "as run", "zoom in to see the deviations"),
-            _path_figure(found, (a, b), factor, "enlarged", words),
-        ]
-        return {"groups": [Group(figures)], "legend": legend(found)}
+    axes, factor = plane(found), magnification(found)
+    words = f"deviations {factor:g} times as large"
+    figures = [
+        _path_figure(found, axes, 1.0, "as run", "zoom in to see the deviations"),
+        _path_figure(found, axes, factor, "enlarged", words),
+    ]
+    return Group(figures)
 
 
-def legend(found: Tracking) -> list[Key]:
+def legend_of(found: Tracking) -> list[Key]:
     """Colours of the runs."""
     keys = [Key(DESIRED_COLOUR, "desired")]
     return keys + [Key(run_colour(k), run.name) for k, run in enumerate(found.runs)]
@@ -212,23 +224,17 @@ ERROR_LINE_POINTS = 1500  # most points of a line
 ERROR_POINTS_BUDGET = 120_000  # points of all lines together
 
 
-class ErrorsOverTimeSection(FigureSection, name="errors-over-time", title="Errors over time"):
+def _errors_over_time(found: Tracking) -> Group:
     """The tool's deviation, and a picture per joint."""
-
-    def numbers(self, content: TrackingContent) -> Numbers:
-        """Errors."""
-        found = content.tracking
-        lines = (found.robot.n + 1) * len(found.runs)
-        most = max(min(ERROR_LINE_POINTS, ERROR_POINTS_BUDGET // lines), 50)
-        tool = [1e3 * run.deviation for run in found.runs]
-        figures = [_error_figure(found, f"tool ({found.frame.name})", "distance [mm]", tool, most)]
-        for j, joint in enumerate(found.robot.coordinates):
-            unit, factor = ERROR_UNITS[joint.unit]
-            errors = [factor * run.error[:, j] for run in found.runs]
-            figures.append(
-                _error_figure(found, joint.name, f"desired − true [{unit}]", errors, most)
-            )
-        return {"groups": [Group(figures)], "legend": legend(found)[1:]}
+    lines = (found.robot.n + 1) * len(found.runs)
+    most = max(min(ERROR_LINE_POINTS, ERROR_POINTS_BUDGET // lines), 50)
+    tool = [1e3 * run.deviation for run in found.runs]
+    figures = [_error_figure(found, f"tool ({found.frame.name})", "distance [mm]", tool, most)]
+    for j, joint in enumerate(found.robot.coordinates):
+        unit, factor = ERROR_UNITS[joint.unit]
+        errors = [factor * run.error[:, j] for run in found.runs]
+        figures.append(_error_figure(found, joint.name, f"desired − true [{unit}]", errors, most))
+    return Group(figures)
 
 
 def _error_figure(found: Tracking, name: str, y: str, errors: Sequence[Array], most: int) -> Figure:
@@ -239,11 +245,3 @@ def _error_figure(found: Tracking, name: str, y: str, errors: Sequence[Array], m
         traces.append(line(run.name, found.t[rows], error[rows], run_colour(k), width=1.3))
     label = f"Tracking error of {name} over time"
     return Figure(name, label, "time [s]", y, traces, {"showlegend": False})
-
-
-TRACK_SECTIONS: tuple[Section, ...] = (
-    TrackingErrorsSection(),
-    ToolPathSection(),
-    ErrorsOverTimeSection(),
-    SettingsSection(),
-)
