@@ -16,7 +16,7 @@ from the model's. Every shape is tested against none, its free time counted, all
 and logs counted: $p$ times the number of tests must stay below `LEVEL`.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import floor, log10
 from typing import Any, Literal, get_args
@@ -24,11 +24,20 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from steelyard.base.arrays import Z95, Array
+from steelyard.estimate.changes_from_model import (
+    BODIES,
+    DRY,
+    OF_JOINT,
+    OFFSET,
+    VISCOUS,
+    LocalParameters,
+)
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.information import Information
 
 HealthQuantity = Literal["dry friction", "viscous friction", "offset", "effort scale"]
 QUANTITIES: tuple[HealthQuantity, ...] = get_args(HealthQuantity)
+PLACES = (DRY, VISCOUS, OFFSET, BODIES)  # of these among a joint's changes from the model
 
 LEAST_WINDOW = 10.0  # least length of a window [s]
 MOST_WINDOWS_OF_LOG = 32  # windows of a log at most, of `LEAST_WINDOW` or more
@@ -63,32 +72,13 @@ def series_of(identified: IdentifiedModel, logs: Sequence[Information]) -> tuple
     """Changes from the model, per joint, quantity and window; efforts of the logs as logged."""
     gains, units = identified.signals.gains, identified.model.robot.effort_units
     scaled = [log.scaled(gains, units) for log in logs]
-    model = identified.model
-    groups: dict[str, HealthQuantity] = {}  # what is not in it belongs to bodies
-    for term in model.terms:
-        for parameter in term.parameters(model.robot):
-            if term.cause == "offset":
-                groups[parameter.name] = "offset"
-            elif term.cause == "friction":
-                faster = "s" in parameter.unit
-                groups[parameter.name] = "viscous friction" if faster else "dry friction"
-    rows = range(len(units))
-    return tuple(one for row in rows for one in _of_joint(identified, scaled, groups, row))
+    local = LocalParameters(identified, logs[0].layout)
+    return tuple(one for row in range(len(units)) for one in _of_joint(local, scaled, row))
 
 
-def _of_joint(
-    identified: IdentifiedModel,
-    logs: Sequence[Information],
-    groups: Mapping[str, HealthQuantity],
-    row: int,
-) -> Iterator[Series]:
-    layout = logs[0].layout
-    seen = [layout.columns[k] for k in layout.sees[row]]
-    known = identified.estimate.parameters.as_dict()
-    values = np.array([known.get(name, 0.0) for name in seen])
-    of = np.array([groups.get(name, "effort scale") for name in seen])
-    parts = np.array([np.where(of == q, 1.0 if q == "offset" else values, 0.0) for q in QUANTITIES])
-    transform = np.column_stack([*np.pad(parts, ((0, 0), (0, 1))), np.append(-values, 1.0)])
+def _of_joint(local: LocalParameters, logs: Sequence[Information], row: int) -> Iterator[Series]:
+    seen, places = list(local.layout.sees[row]), OF_JOINT * row + np.array(PLACES)
+    transform = local.transforms[row][:, [*places, -1]]
     grams = np.concatenate([log.row_grams(row) for log in logs])
     counts = np.concatenate([log.counts[:, row] for log in logs])
     small = np.einsum("ki,wkl,lj->wij", transform, grams, transform)
@@ -102,9 +92,11 @@ def _of_joint(
     changes, deviations = np.swapaxes([one for one in solved if one is not None], 0, 1)
     log = np.repeat(np.arange(len(logs), dtype=np.float64), [len(one.windows) for one in logs])
     middle = np.array([0.5 * (w.start + w.stop) for one in logs for w in one.windows])
-    coordinate = identified.model.robot.coordinates[row]
+    coordinate = local.identified.model.robot.coordinates[row]
     friction = float(np.sqrt(sum(total[k, k] for k in (0, 1)) / max(counts.sum(), 1.0)))
-    stds = _relative_std(identified, seen, parts)
+    covariance, parts = local.covariance[np.ix_(seen, seen)], transform[:-1, used]
+    variances = np.einsum("ik,ij,jk->k", parts, covariance, parts)
+    known = np.sqrt(np.maximum(variances, 0.0)) / np.square(parts).sum(axis=0)
     for place, k in enumerate(used):
         offset, std = QUANTITIES[k] == "offset", deviations[:, place].copy()
         yield Series(
@@ -117,7 +109,7 @@ def _of_joint(
             std=std,
             single=std * np.sqrt(counts[kept]),
             scale=friction if offset else 1.0,
-            known=stds[k],
+            known=float(known[place]),
         )
 
 
@@ -134,19 +126,6 @@ def _solved(gram: Array, count: float) -> tuple[Array, Array] | None:
     values = inverse @ vector
     rest = max(square - float(values @ vector), 1e-12 * square)
     return values, np.sqrt(np.diag(inverse) * rest / (count - len(lengths)))
-
-
-def _relative_std(identified: IdentifiedModel, seen: Sequence[str], parts: Array) -> list[float]:
-    """Standard deviation of the model's own value of each quantity, along its parameters."""
-    place = {name: k for k, name in enumerate(identified.estimate.parameters.names)}
-    mine = [k for k, name in enumerate(seen) if name in place]
-    at = [place[seen[k]] for k in mine]
-    covariance = identified.estimate.covariance[np.ix_(at, at)]
-    found = []
-    for part in parts[:, mine]:
-        size = float(part @ part)
-        found.append(float(np.sqrt(part @ covariance @ part)) / size if size else 0.0)
-    return found
 
 
 Shape = Literal["settles", "steps within", "steps", "drifts", "differs"]
