@@ -159,7 +159,7 @@ def test_predicted_efforts_have_the_forces_that_fit_best(log: Path, tmp_path: Pa
     with_forces, without, inside = [], [], slice(300, -300)
     for block in run.blocks():
         predicted = model.block(block.q, block.dq, block.ddq, None)
-        with_forces.append(block.effort - block.with_forces(predicted))
+        with_forces.append(block.effort - run.with_forces(block, predicted))
         without.append(block.effort - predicted)
     sizes = [np.sqrt(np.mean(np.hstack(x)[:, inside] ** 2)) for x in (with_forces, without)]
     assert sizes[0] < 0.02 and sizes[1] > 1.0

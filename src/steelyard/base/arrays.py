@@ -57,6 +57,19 @@ def by_key(pairs: Iterable[tuple[Key, Value]]) -> dict[Key, list[Value]]:
     return found
 
 
+def distinct(names: Iterable[str], longest: int | None = None) -> list[str]:
+    """Names, no two alike and none longer than the `longest`: later ones get a number."""
+    found: list[str] = []
+    for name in names:
+        own, number = name[:longest], 1
+        while own in found:
+            number += 1
+            end = f"_{number}"
+            own = f"{name[: longest and longest - len(end)]}{end}"
+        found.append(own)
+    return found
+
+
 def set_fields(value: object, **contents: object) -> None:
     """Set fields of a frozen dataclass, for its `__post_init__`."""
     for name, content in contents.items():

@@ -22,7 +22,8 @@ from steelyard.identify.remembered_parts import (
     of_first_usable,
     with_reading_of,
 )
-from steelyard.logs.log_parts import middle_of, natural
+from steelyard.logs.log_parts import middle_of
+from steelyard.logs.parquet import natural
 from steelyard.logs.remembered_work import RememberedWork, key_of, remembered_work
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.robot import refuse_floating

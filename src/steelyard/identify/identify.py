@@ -44,7 +44,7 @@ from steelyard.identify.many_logs import (
 from steelyard.identify.page.report_content_and_error_words import ReportContent
 from steelyard.identify.remembered_parts import of_first_usable
 from steelyard.identify.repeated_motion_and_validation_split import marked_repeats, refuse_same_rows
-from steelyard.logs.log_parts import natural
+from steelyard.logs.parquet import natural
 from steelyard.report.result import DataFrame
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot

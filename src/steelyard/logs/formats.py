@@ -11,7 +11,7 @@ from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, distinct
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import LogError, OutputError
 from steelyard.base.files import csv_text, refuse_existing, whole_file
@@ -225,16 +225,8 @@ WRITERS: dict[str, Writer] = {
 
 def matlab_names(columns: Sequence[str]) -> list[str]:
     """Names that MATLAB allows: letters, digits and `_`, a letter first, 63 at most, distinct."""
-    names: list[str] = []
-    for column in columns:
-        plain = re.sub(r"\W+", "_", column, flags=re.ASCII).strip("_")
-        plain = plain if plain[:1].isalpha() else f"x{plain}"
-        name, number = plain[:63], 1
-        while name in names:
-            number += 1
-            name = f"{plain[: 62 - len(str(number))]}_{number}"
-        names.append(name)
-    return names
+    plain = (re.sub(r"\W+", "_", column, flags=re.ASCII).strip("_") for column in columns)
+    return distinct((name if name[:1].isalpha() else f"x{name}" for name in plain), 63)
 
 
 class _Spool(AbstractContextManager["_Spool"]):

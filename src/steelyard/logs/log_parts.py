@@ -1,6 +1,5 @@
 """Parts of logs: files of this machine or URLs, long ones cut into rows."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Any
 from steelyard.base.errors import LogError, SteelyardError
 from steelyard.logs.files_and_urls import StoredFile, files_of, is_url, without_secrets
 from steelyard.logs.log_and_errors import Cut, parse_log_argument
-from steelyard.logs.parquet import ParquetLog
+from steelyard.logs.parquet import ParquetLog, natural
 
 ROWS_OF_PART = 500_000
 """Rows of a part of a Parquet file; other files are one part, as their rows are not known."""
@@ -50,12 +49,6 @@ class LogPart:
         """By which parts are put in order: robot, day, file, rows; numbers in names count."""
         start = 0 if self.rows is None else self.rows[0]
         return natural(self.robot), natural(self.day), self.file.url, start
-
-
-def natural(text: str) -> tuple[Any, ...]:
-    """A key by which "day 9" is before "day 10"."""
-    pieces = re.split(r"(\d+)", text)
-    return tuple((int(x), x) if k % 2 else (-1, x) for k, x in enumerate(pieces))
 
 
 def pieces_of(part: LogPart) -> list[LogPart]:

@@ -229,7 +229,7 @@ class ParquetLog:
                 fix="name a log file, a folder of .parquet files, or the folder of a ROS 2 bag, "
                 "which holds its metadata.yaml",
             )
-        named.sort(key=lambda file: natural_order((*names[file][:-1], file.stem)))
+        named.sort(key=lambda file: [natural(x) for x in (*names[file][:-1], file.stem)])
         logs = [cls.open(p) for p in named]
         first, *others = [log for log in logs if log.n_rows] or logs[:1]
         for other in others:
@@ -384,9 +384,7 @@ def _scan(path: Path) -> "polars.LazyFrame":
     return pl.scan_parquet(path, glob=False, cache=False)
 
 
-def natural_order(names: Sequence[str]) -> tuple[tuple[tuple[int, int | str], ...], ...]:
-    """A key that sorts numbers in names as numbers."""
-    return tuple(
-        tuple((0, int(x)) if x.isdecimal() else (1, x) for x in re.split(r"(\d+)", name))
-        for name in names
-    )
+def natural(text: str) -> tuple[tuple[int, str], ...]:
+    """A key by which "day 9" is before "day 10"."""
+    pieces = re.split(r"(\d+)", text)
+    return tuple((int(x), x) if k % 2 else (-1, x) for k, x in enumerate(pieces))

@@ -6,7 +6,8 @@ while others move. A measured effort has noise; a dead one keeps its value bit f
 joint moves.
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -210,41 +211,19 @@ def _survey(recording: Recording, processing: Processing | None, inner: Survey |
         false.add(piece.t, piece.x)
     counts = scan.counts
     logged, rate = _rates(recording, counts, tally, wanted.rate)
-    learnt = _learnt(excerpt, tally, logged, c, wanted) if inner is None else _Learnt.of(inner)
-    return Survey(
-        clock=clock,
-        logged_rate=logged,
-        rate=rate,
-        segments=tuple(
-            Segment(number, start, stop, sample_count(start, stop, rate))
-            for number, (start, stop) in sorted(tally.spans.items())
-        ),
-        counts=tuple(counts.tolist()),
-        steps=tally.steps,
-        left_out=false.found(),
-        **vars(learnt),
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _Learnt:
-    """What a survey says of noise and motion, see `Survey`."""
-
-    resolution: Array
-    band: Band
-    velocity_noise: Array | None
-    row_checks: RowChecks
-    even: Array
-
-    @classmethod
-    def of(cls, found: Survey) -> "_Learnt":
-        return cls(**{field.name: getattr(found, field.name) for field in fields(cls)})
-
-
-def _learnt(
-    excerpt: "_Excerpt", tally: "_Tally", logged: float, c: Channels, wanted: Processing
-) -> _Learnt:
-    """Noise and motion, by an excerpt of the rows."""
+    spans = sorted(tally.spans.items())
+    own: dict[str, Any] = {
+        "clock": clock,
+        "logged_rate": logged,
+        "rate": rate,
+        "segments": tuple(Segment(k, a, b, sample_count(a, b, rate)) for k, (a, b) in spans),
+        "counts": tuple(counts.tolist()),
+        "steps": tally.steps,
+        "left_out": false.found(),
+    }
+    if inner is not None:
+        return replace(inner, **own)
+    # noise and motion, by an excerpt of the rows
     resolution = np.where(np.isfinite(tally.resolution), tally.resolution, 0.0)
     limits = tally.extremes.limits(resolution[c.effort])
     if not wanted.leave_out_saturated:
@@ -257,7 +236,14 @@ def _learnt(
     if even.shape[1] >= SHORTEST_CHAIN:
         band = _band(even, logged, c)
         velocity_noise = motion_band(even[c.dq], logged).noise if c.velocities else velocity_noise
-    return _Learnt(frozen(resolution), band, velocity_noise if c.velocities else None, checks, even)
+    return Survey(
+        **own,
+        resolution=frozen(resolution),
+        band=band,
+        velocity_noise=velocity_noise if c.velocities else None,
+        row_checks=checks,
+        even=even,
+    )
 
 
 def _band(even: Array, rate: float, c: Channels) -> Band:

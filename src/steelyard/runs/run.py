@@ -67,12 +67,6 @@ class Block:
         found = Touching.joined(touching) if touching else None
         return cls(blocks[0].segment, **motion, channels=channels, weights=weights, touching=found)
 
-    def with_forces(self, predicted: Array) -> Array:
-        """Predicted efforts as logged, `(n, B)`, with contact forces that fit best, if unknown."""
-        if self.touching is None:
-            return predicted
-        return self.touching.with_forces(self.q, self.effort, predicted)
-
     @property
     def counted(self) -> Array:
         """The weights, ones where there are none, shape `(n, B)`."""
@@ -259,11 +253,12 @@ class Run:
 
     def with_forces(self, block: Block, predicted: Array) -> Array:
         """Predicted efforts of a block as logged, `(n, B)`, with unknown forces that fit best."""
-        found, base = block.with_forces(predicted), self.recording.signals.base
+        if block.touching is not None:
+            predicted = block.touching.with_forces(block.q, block.effort, predicted)
+        base, first = self.recording.signals.base, len(BASE_COORDINATES)
         if base is None or base.wrench_known:
-            return found
-        first = len(BASE_COORDINATES)
-        return np.concatenate([block.effort[:first], found[first:]])
+            return predicted
+        return np.concatenate([block.effort[:first], predicted[first:]])
 
     def around(self, context: float) -> "Run":
         """The run with that much of its segments before its first and after its last motion [s]."""

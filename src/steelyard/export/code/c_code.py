@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, distinct
 from steelyard.base.templates import templates_of
 from steelyard.estimate.external.contact_thresholds import HOLD, SETTLED
 from steelyard.estimate.external.momentum_observer_with_wrench_and_contact import GAP, PER_PERIOD
@@ -37,15 +37,7 @@ def identifier(text: str, otherwise: str) -> str:
 
 def identifiers(names: Sequence[str], otherwise: str) -> tuple[str, ...]:
     """One identifier per name, no two alike: later ones get a number."""
-    found: list[str] = []
-    for name in names:
-        plain = candidate = identifier(name, otherwise)
-        count = 1
-        while candidate in found:
-            count += 1
-            candidate = f"{plain}_{count}"
-        found.append(candidate)
-    return tuple(found)
+    return tuple(distinct(identifier(name, otherwise) for name in names))
 
 
 def named_functions(controller: Controller) -> dict[str, Function]:

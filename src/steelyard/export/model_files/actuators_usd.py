@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.actuators.actuator_model import ActuatorModel
 from steelyard.actuators.actuator_parameters import UNLIMITED
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, distinct
 from steelyard.base.errors import ModelError
 from steelyard.base.templates import templates_of
 from steelyard.export.model_files.actuators_mjcf import (
@@ -99,16 +99,8 @@ def actuators_usd(model: ActuatorModel, units: Sequence[str] = ()) -> ActuatorFi
 
 def _prims(names: Sequence[str]) -> list[str]:
     """Distinct names of prims: letters, digits and underscores."""
-    found: list[str] = []
-    for name in names:
-        plain = re.sub(r"[^A-Za-z0-9_]", "_", name) or "_"
-        plain = f"_{plain}" if plain[0].isdigit() else plain
-        number, own = 1, plain
-        while own in found:
-            number += 1
-            own = f"{plain}_{number}"
-        found.append(own)
-    return found
+    plain = (re.sub(r"[^A-Za-z0-9_]", "_", name) or "_" for name in names)
+    return distinct(f"_{name}" if name[0].isdigit() else name for name in plain)
 
 
 def _printable(text: str) -> str:
