@@ -57,7 +57,7 @@ def by_key(pairs: Iterable[tuple[Key, Value]]) -> dict[Key, list[Value]]:
     return found
 
 
-def distinct(names: Iterable[str], longest: int | None = None) -> list[str]:
+def distinct_texts(names: Iterable[str], longest: int | None = None) -> list[str]:
     """Names, no two alike and none longer than the `longest`: later ones get a number."""
     found: list[str] = []
     for name in names:

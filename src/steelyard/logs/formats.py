@@ -11,7 +11,7 @@ from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 
-from steelyard.base.arrays import Array, distinct
+from steelyard.base.arrays import Array, distinct_texts
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import LogError, OutputError
 from steelyard.base.files import csv_text, refuse_existing, whole_file
@@ -226,7 +226,7 @@ WRITERS: dict[str, Writer] = {
 def matlab_names(columns: Sequence[str]) -> list[str]:
     """Names that MATLAB allows: letters, digits and `_`, a letter first, 63 at most, distinct."""
     plain = (re.sub(r"\W+", "_", column, flags=re.ASCII).strip("_") for column in columns)
-    return distinct((name if name[:1].isalpha() else f"x{name}" for name in plain), 63)
+    return distinct_texts((name if name[:1].isalpha() else f"x{name}" for name in plain), 63)
 
 
 class _Spool(AbstractContextManager["_Spool"]):

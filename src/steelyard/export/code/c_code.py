@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.base.arrays import Array, distinct
+from steelyard.base.arrays import Array, distinct_texts
 from steelyard.base.templates import templates_of
 from steelyard.estimate.external.contact_thresholds import HOLD, SETTLED
 from steelyard.estimate.external.momentum_observer_with_wrench_and_contact import GAP, PER_PERIOD
@@ -37,7 +37,7 @@ def identifier(text: str, otherwise: str) -> str:
 
 def identifiers(names: Sequence[str], otherwise: str) -> tuple[str, ...]:
     """One identifier per name, no two alike: later ones get a number."""
-    return tuple(distinct(identifier(name, otherwise) for name in names))
+    return tuple(distinct_texts(identifier(name, otherwise) for name in names))
 
 
 def named_functions(controller: Controller) -> dict[str, Function]:

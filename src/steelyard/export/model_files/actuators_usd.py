@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.actuators.actuator_model import ActuatorModel
 from steelyard.actuators.actuator_parameters import UNLIMITED
-from steelyard.base.arrays import Array, distinct
+from steelyard.base.arrays import Array, distinct_texts
 from steelyard.base.errors import ModelError
 from steelyard.base.templates import templates_of
 from steelyard.export.model_files.actuators_mjcf import (
@@ -100,7 +100,7 @@ def actuators_usd(model: ActuatorModel, units: Sequence[str] = ()) -> ActuatorFi
 def _prims(names: Sequence[str]) -> list[str]:
     """Distinct names of prims: letters, digits and underscores."""
     plain = (re.sub(r"[^A-Za-z0-9_]", "_", name) or "_" for name in names)
-    return distinct(f"_{name}" if name[0].isdigit() else name for name in plain)
+    return distinct_texts(f"_{name}" if name[0].isdigit() else name for name in plain)
 
 
 def _printable(text: str) -> str:

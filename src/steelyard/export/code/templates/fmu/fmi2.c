@@ -144,158 +144,45 @@ EXPORT fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2
     return evaluate((Instance *)c);
 }
 
-EXPORT fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t count,
-    fmi2Integer values[])
+/* What there is nothing of here: numbers of other types, states, derivatives, steps to wait for. */
+[% macro without(name, given, answer) %]
+EXPORT fmi2Status fmi2[[ name ]](fmi2Component c[[ ", " * (given != "") ]][[ given ]])
 {
-    (void)c, (void)vr, (void)values;
-    return count ? fmi2Error : fmi2OK;
+    (void)c[% for x in given.split(", ") if x %], (void)[[ x.split()[-1].strip("*[]") ]][% endfor %];
+    return [[ answer ]];
 }
-
-EXPORT fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t count,
-    const fmi2Integer values[])
-{
-    (void)c, (void)vr, (void)values;
-    return count ? fmi2Error : fmi2OK;
-}
-
-EXPORT fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t count,
-    fmi2Boolean values[])
-{
-    (void)c, (void)vr, (void)values;
-    return count ? fmi2Error : fmi2OK;
-}
-
-EXPORT fmi2Status fmi2SetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t count,
-    const fmi2Boolean values[])
-{
-    (void)c, (void)vr, (void)values;
-    return count ? fmi2Error : fmi2OK;
-}
-
-EXPORT fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], size_t count,
-    fmi2String values[])
-{
-    (void)c, (void)vr, (void)values;
-    return count ? fmi2Error : fmi2OK;
-}
-
-EXPORT fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t count,
-    const fmi2String values[])
-{
-    (void)c, (void)vr, (void)values;
-    return count ? fmi2Error : fmi2OK;
-}
-
-EXPORT fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t count, const fmi2String categories[])
-{
-    (void)c, (void)on, (void)count, (void)categories;
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean toleranceDefined, fmi2Real tolerance, fmi2Real start, fmi2Boolean stopDefined, fmi2Real stop)
-{
-    (void)c, (void)toleranceDefined, (void)tolerance, (void)start, (void)stopDefined, (void)stop;
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2EnterInitializationMode(fmi2Component c)
-{
-    (void)c;
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2Terminate(fmi2Component c)
-{
-    (void)c;
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
-{
-    (void)c, (void)state;
-    return fmi2Error;
-}
-
-EXPORT fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
-{
-    (void)c, (void)state;
-    return fmi2Error;
-}
-
-EXPORT fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
-{
-    (void)c, (void)state;
-    return fmi2Error;
-}
-
-EXPORT fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size)
-{
-    (void)c, (void)state, (void)size;
-    return fmi2Error;
-}
-
-EXPORT fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
-{
-    (void)c, (void)state, (void)bytes, (void)size;
-    return fmi2Error;
-}
-
-EXPORT fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
-{
-    (void)c, (void)bytes, (void)size, (void)state;
-    return fmi2Error;
-}
-
-EXPORT fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknown[], size_t nUnknown, const fmi2ValueReference known[], size_t nKnown, const fmi2Real seed[], fmi2Real values[])
-{
-    (void)c, (void)unknown, (void)nUnknown, (void)known, (void)nKnown, (void)seed, (void)values;
-    return fmi2Error;
-}
-
-EXPORT fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t count, const fmi2Integer order[], const fmi2Real values[])
-{
-    (void)c, (void)vr, (void)count, (void)order, (void)values;
-    return fmi2Error;
-}
-
-EXPORT fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t count, const fmi2Integer order[], fmi2Real values[])
-{
-    (void)c, (void)vr, (void)count, (void)order, (void)values;
-    return fmi2Error;
-}
-
-EXPORT fmi2Status fmi2CancelStep(fmi2Component c)
-{
-    (void)c;
-    return fmi2Error;
-}
-
-EXPORT fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Status *value)
-{
-    (void)c, (void)kind, (void)value;
-    return fmi2Error;
-}
-
-EXPORT fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value)
-{
-    (void)c, (void)kind, (void)value;
-    return fmi2Error;
-}
-
-EXPORT fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Integer *value)
-{
-    (void)c, (void)kind, (void)value;
-    return fmi2Error;
-}
-
-EXPORT fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value)
-{
-    (void)c, (void)kind, (void)value;
-    return fmi2Error;
-}
-
-EXPORT fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2String *value)
-{
-    (void)c, (void)kind, (void)value;
-    return fmi2Error;
-}
+[% endmacro %]
+[% set values = "const fmi2ValueReference vr[], size_t count" %]
+[% for kind in ("Integer", "Boolean", "String") %]
+[[ without("Get" ~ kind, values ~ ", fmi2" ~ kind ~ " values[]", "count ? fmi2Error : fmi2OK") ]]
+[[ without("Set" ~ kind, values ~ ", const fmi2" ~ kind ~ " values[]", "count ? fmi2Error : fmi2OK") ]]
+[% endfor %]
+[% for name, given in {
+    "SetDebugLogging": "fmi2Boolean on, size_t count, const fmi2String categories[]",
+    "SetupExperiment": "fmi2Boolean toleranceDefined, fmi2Real tolerance, fmi2Real start, "
+        ~ "fmi2Boolean stopDefined, fmi2Real stop",
+    "EnterInitializationMode": "",
+    "Terminate": "",
+}.items() %]
+[[ without(name, given, "fmi2OK") ]]
+[% endfor %]
+[% for name, given in {
+    "GetFMUstate": "fmi2FMUstate *state",
+    "SetFMUstate": "fmi2FMUstate state",
+    "FreeFMUstate": "fmi2FMUstate *state",
+    "SerializedFMUstateSize": "fmi2FMUstate state, size_t *size",
+    "SerializeFMUstate": "fmi2FMUstate state, fmi2Byte bytes[], size_t size",
+    "DeSerializeFMUstate": "const fmi2Byte bytes[], size_t size, fmi2FMUstate *state",
+    "GetDirectionalDerivative": "const fmi2ValueReference unknown[], size_t nUnknown, "
+        ~ "const fmi2ValueReference known[], size_t nKnown, const fmi2Real seed[], fmi2Real values[]",
+    "SetRealInputDerivatives": values ~ ", const fmi2Integer order[], const fmi2Real values[]",
+    "GetRealOutputDerivatives": values ~ ", const fmi2Integer order[], fmi2Real values[]",
+    "CancelStep": "",
+    "GetStatus": "const fmi2StatusKind kind, fmi2Status *value",
+    "GetRealStatus": "const fmi2StatusKind kind, fmi2Real *value",
+    "GetIntegerStatus": "const fmi2StatusKind kind, fmi2Integer *value",
+    "GetBooleanStatus": "const fmi2StatusKind kind, fmi2Boolean *value",
+    "GetStringStatus": "const fmi2StatusKind kind, fmi2String *value",
+}.items() %]
+[[ without(name, given, "fmi2Error") ]]
+[% endfor %]
