@@ -11,7 +11,7 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError
 from steelyard.logs.clocks_and_combined_logs import Numbered
 from steelyard.logs.formats import open_log
-from steelyard.logs.log_and_errors import parse_log_argument, require_columns
+from steelyard.logs.log_and_errors import require_columns
 from steelyard.robot.file.signals import ROW, TargetSignals
 from steelyard.robot.robot import Robot
 from steelyard.runs.recording import TURN, continuous, wrapped_middles
@@ -55,7 +55,7 @@ class TargetLog:
 
 def read_targets(argument: LogArgument, signals: TargetSignals, robot: Robot) -> TargetLog:
     """The runs of a log; a `LogError` if there is none, or if its targets are others."""
-    path, cut = parse_log_argument(argument.text)
+    path, cut = argument.path, argument.cut
     name = path.stem + cut.text
     log = open_log(path)
     log = Numbered(log) if signals.time == ROW else log

@@ -14,7 +14,6 @@ from steelyard.check.cases_and_checks import Case, CheckedLog
 from steelyard.check.finding import Edit, Finding, Fix, Severity
 from steelyard.check.findings_text_and_page import by_edits, print_notes
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.logs.log_and_errors import parse_log_argument
 from steelyard.model.laws.register import term_of
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot, robot_text
@@ -101,9 +100,7 @@ def case_of(
     signals, wanted = subject.signals, processing_of_robot(subject.loaded)
     log: list[CheckedLog] = []
     unread: list[Finding] = []
-    names = distinct_names(
-        [(f"{f.path.stem}{parse_log_argument(f.text)[1].text}", f.path) for f in files]
-    )
+    names = distinct_names([(f"{f.path.stem}{f.cut.text}", f.path) for f in files])
     for number, (name, file) in enumerate(zip(names, files, strict=True)):
         report_progress(progress, "reading logs", number, len(files))
         try:

@@ -20,7 +20,7 @@ from steelyard.base.errors import LogError, SteelyardError
 from steelyard.base.progress import silent
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.scores.score import RunScore
-from steelyard.logs.log_and_errors import Cut, parse_log_argument
+from steelyard.logs.log_and_errors import Cut
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.runs import run as motion
 from steelyard.runs.recording import Recording
@@ -235,12 +235,12 @@ def propose_cut(loaded: LoadedRobot, logs: Sequence[str]) -> ProposedCut:
         return ProposedCut(tuple(logs))
     log, *more = log_files(logs)
     if more:  # episodes of a dataset, together as two windows of rows
-        rows = [parse_log_argument(one.text)[1].rows for one in (log, *more)]
+        rows = [one.cut.rows for one in (log, *more)]
         first, end = rows[0][0], rows[-1][1] or rows[-1][0]
         middle = first + FITTED_SHARE * (end - first)
         border = min((row for row, _ in rows[1:]), key=lambda row: abs(row - middle))
         return ProposedCut((f"{log.path}#{first}:{border}", f"{log.path}#{border}:{end}"))
-    cut = parse_log_argument(log.text)[1]
+    cut = log.cut
     if cut.rows != Cut().rows:
         return ProposedCut((log.text,))
     signals = signals_of(loaded, log)[0]

@@ -9,6 +9,7 @@ from steelyard.base.progress import Progress
 from steelyard.estimate.identified_model import IdentifiedModel, Provenance
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.repeated_motion_and_validation_split import repeat_of
+from steelyard.logs.log_and_errors import parse_log_argument
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.signals import Signals
@@ -29,7 +30,9 @@ def fitted_before(origin: Provenance, log: LogArgument) -> bool:
     names = [run.rpartition("/")[2] for run in origin.runs]
     stems = {Path(file).stem for file in files}
     cuts = [name.removeprefix(x) for x in stems for name in names if name.startswith(x)]
-    return not cuts or any(overlap(log, LogArgument(f"{log.path}{cut}", log.path)) for cut in cuts)
+    return not cuts or any(
+        overlap(log.cut, parse_log_argument(f"{log.path}{cut}")[1]) for cut in cuts
+    )
 
 
 def was_fitted(identified: IdentifiedModel, log: LogArgument, run: Run) -> bool:

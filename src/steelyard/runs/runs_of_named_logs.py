@@ -40,6 +40,7 @@ class LogArgument:
 
     text: str
     path: Path
+    cut: Cut
 
 
 def log_files(arguments: Sequence[str]) -> list[LogArgument]:
@@ -55,7 +56,7 @@ def log_files(arguments: Sequence[str]) -> list[LogArgument]:
         if is_lerobot(path):
             found += _of_dataset(text, path, cut)
         else:
-            found.append(LogArgument(text, path))
+            found.append(LogArgument(text, path, cut))
     return found
 
 
@@ -74,15 +75,14 @@ def log_file(argument: str) -> LogArgument:
 def _of_dataset(text: str, path: Path, cut: Cut) -> list[LogArgument]:
     """One log for each episode of a dataset, or for the part of it in a window of rows."""
     if cut.seconds != Cut().seconds:
-        return [LogArgument(text, path)]
+        return [LogArgument(text, path, cut)]
     first, last = cut.rows
     parts = [
         (max(start, first), stop if last is None else min(stop, last))
         for start, stop in open_lerobot(path).episodes
     ]
-    found = [
-        LogArgument(f"{path}{Cut(rows=part).text}", path) for part in parts if part[0] < part[1]
-    ]
+    cuts = [Cut(rows=part) for part in parts if part[0] < part[1]]
+    found = [LogArgument(f"{path}{one.text}", path, one) for one in cuts]
     if not found:
         raise LogError(
             "the dataset has no episode in these rows",
@@ -98,7 +98,7 @@ def refuse_overlaps(fitted: Sequence[LogArgument], unseen: Sequence[LogArgument]
     tested = [(log, other) for log in fitted for other in unseen]
     for pairs, role in ((again, "is fitted twice"), (tested, "is both fitted and validated")):
         for log, other in pairs:
-            if log.path.resolve() == other.path.resolve() and overlap(log, other):
+            if log.path.resolve() == other.path.resolve() and overlap(log.cut, other.cut):
                 raise LogError(
                     f"a part of '{log.path.name}' {role}",
                     where=f"{log.text} and {other.text}",
@@ -106,9 +106,8 @@ def refuse_overlaps(fitted: Sequence[LogArgument], unseen: Sequence[LogArgument]
                 )
 
 
-def overlap(one: LogArgument, other: LogArgument) -> bool:
+def overlap(a: Cut, b: Cut) -> bool:
     """Whether two windows share samples; one in seconds and one in rows cannot be compared."""
-    a, b = parse_log_argument(one.text)[1], parse_log_argument(other.text)[1]
     whole = Cut()
     if whole not in (a, b) and (a.seconds == whole.seconds) != (b.seconds == whole.seconds):
         return False
@@ -136,10 +135,9 @@ def sha256(path: Path) -> str:
 
 def recording_of(argument: LogArgument, signals: Signals) -> Recording:
     """The recording that an argument names, wrapped positions made continuous."""
-    path, cut = parse_log_argument(argument.text)
-    log = open_log(path)
+    log = open_log(argument.path)
     read = Numbered(log) if signals.time == ROW else log
-    return Recording(read, signals, cut).unwrapped()
+    return Recording(read, signals, argument.cut).unwrapped()
 
 
 def sample_of(path: Path) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:

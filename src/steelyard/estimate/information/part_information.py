@@ -74,7 +74,7 @@ def worked(common: PartWork, item: tuple[LogPart, str]) -> tuple[bytes, bool]:
     try:
         with on_disk(part.file.url) as path:
             cut = Cut() if part.rows is None else Cut(rows=part.rows)
-            log = LogArgument(f"{path}{cut.text}", path)
+            log = LogArgument(f"{path}{cut.text}", path, cut)
             open_log(path)
             recording = recording_of(log, identified.signals)
             run = prepare(recording, identified.processing, at_rest=True)

@@ -27,7 +27,6 @@ from steelyard.estimate.scores import residual_traces_and_band_calibration as re
 from steelyard.identify.runs_and_notes_of_logs import fitted_before, processing_of
 from steelyard.logs.contents import windowed
 from steelyard.logs.formats import open_log
-from steelyard.logs.log_and_errors import parse_log_argument
 from steelyard.report.words import signed, significant
 from steelyard.robot.robot import refuse_floating
 from steelyard.runs.prepare import prepare
@@ -464,18 +463,17 @@ def stream_trace(
     identified: IdentifiedModel, log: LogArgument, cutoff: float
 ) -> residual_noise.ResidualTrace:
     """Residuals of a finished log as a stream of its rows shows them, behind a cut-off [Hz]."""
-    path, cut = parse_log_argument(log.text)
     signals, observer = identified.signals, identified.observe(bandwidth=cutoff)
     stream, rest = SampleStream(signals, identified.robot), watching.rests_of(identified)
     t, residual, speed = [], [], []
-    for rows in windowed(open_log(path), stream.columns, cut):
+    for rows in windowed(open_log(log.path), stream.columns, log.cut):
         for sample in stream.samples(rows):
             moving = watching.velocity_of(sample.dq, rest)
             observer.step(sample.t, sample.q, moving, signals.gains * sample.effort)
             t.append(sample.t)
             residual.append(-observer.torque)
             speed.append(np.abs(sample.dq))
-    name = f"{path.stem}{cut.text}"
+    name = f"{log.path.stem}{log.cut.text}"
     first = int(np.searchsorted(t, residual_noise.FORGOTTEN / (2.0 * np.pi * cutoff)))
     if len(t) < first + 2:
         wrong = "the log is too short for the residual's low-pass"

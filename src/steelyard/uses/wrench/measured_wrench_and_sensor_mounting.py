@@ -18,7 +18,6 @@ from steelyard.base.arrays import Array, by_key
 from steelyard.base.errors import DataError, advice
 from steelyard.estimate.external.wrench_methods_and_observer_step import moved_frame
 from steelyard.estimate.identified_model import IdentifiedModel
-from steelyard.logs.log_and_errors import parse_log_argument
 from steelyard.report.tables import PlainTable, Row
 from steelyard.report.words import significant
 from steelyard.robot.inertia_and_placement import Placement, rpy_of, rpy_rotation, skew
@@ -256,8 +255,7 @@ def measured_wrench(
     blocks = [Block.joined(some) for some in segments.values()]
     read = [np.column_stack([np.interp(one.t, t, x) for x in logged.T]) for one in blocks]
     axes = [identified.pose(one.q.T, sensor.frame)[1] for one in blocks]
-    start = parse_log_argument(file.text)[1].seconds[0]
-    carried = _carried(identified, run, start, blocks, read, axes, sensor)
+    carried = _carried(identified, run, file.cut.seconds[0], blocks, read, axes, sensor)
     own = Placement(place.rotation, place.position)
     there = Placement(sensor.frame.rotation, sensor.frame.position)
     parts = []

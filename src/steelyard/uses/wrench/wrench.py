@@ -23,7 +23,6 @@ from steelyard.estimate.external.wrench_methods_and_observer_step import (
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.identify.runs_and_notes_of_logs import left_out, notes_of, runs_for, was_fitted
 from steelyard.logs.formats import open_log, write_table
-from steelyard.logs.log_and_errors import parse_log_argument
 from steelyard.report.page import figures, notes, whole_page
 from steelyard.report.page_figures import Figure, Group, Key, Traced, area, evenly, line
 from steelyard.report.result import Result, print_verdict
@@ -486,7 +485,7 @@ def external_wrench(
         method=chosen,
         bandwidth=bandwidth,
         axes=axes,
-        window=parse_log_argument(file.text)[1].seconds,
+        window=file.cut.seconds,
         progress=progress,
     )
     return ExternalWrench(
