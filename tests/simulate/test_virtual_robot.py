@@ -108,13 +108,6 @@ def test_other_endings_and_missing_folders_are_refused(arm: Robot, tmp_path: Pat
     assert not list(tmp_path.iterdir())
 
 
-def test_it_steps_under_torques(pendulum: Robot, pendulum_truth: Truth) -> None:
-    robot = VirtualRobot(pendulum, pendulum_truth)
-    robot.place([0.3])
-    q, dq = robot.step(np.zeros(1), 0.01)
-    assert q[0] < 0.3 and dq[0] < 0.0
-
-
 def test_progress_advances_and_stops(arm: Robot, tmp_path: Path) -> None:
     events: list[Event] = []
 

@@ -102,16 +102,7 @@ class MujocoPlant:
         self._used = LawsInUse(self._laws, self._x, self._v, data.qacc)
 
     def push(self, frame: Frame, wrench: Array, in_base: bool) -> Array:
-        """Let a wrench act at a frame's origin until the next call.
-
-        Args:
-            frame: A frame of a moving body, see `moved_frame`.
-            wrench: Force and torque, shape `(6,)` [N, Nm].
-            in_base: Whether it is along the axes of the base, not of the frame.
-
-        Returns:
-            The wrench along the axes of the frame, shape `(6,)`.
-        """
+        """Let a wrench act at a frame's origin until the next call, see `mujoco_model.push`."""
         compiled = self._compiled[self.loaded]
         return push(compiled, self._data, self._robot, frame, wrench, in_base)
 
@@ -213,14 +204,6 @@ class VirtualRobot:
         self._progress = progress
         self._recorded: list[TrueRun] | None = None
 
-    def place(self, q: ArrayLike) -> None:
-        """Put the robot at rest at posture `q`, shape `(n,)`."""
-        self._plant.place(q)
-
-    def step(self, tau: Array, duration: float) -> tuple[Array, Array]:
-        """Hold joint torques `tau`, shape `(n,)`, for `duration` [s]; the new `q` and `dq`."""
-        return self._plant.step(tau, duration)
-
     def send(self, trajectory: Trajectory) -> None:
         """Follow `trajectory`; it is put into the log that is being recorded, if any."""
         if self._recorded:
@@ -284,7 +267,7 @@ class VirtualRobot:
                 fix="attach it earlier, or make the motion longer",
             )
         self._plant.loaded = bool(loaded[0])
-        self.place(goal.q[0])
+        self._plant.place(goal.q[0])
         felt = np.broadcast_to(felt, goal.q.shape)
         pushed = None if self.wrench is None else self.wrench.at(t)
         settling = round(_SETTLING * CONTROL_RATE)
