@@ -1,5 +1,6 @@
 """Samples of a run that its first whole pass keeps for the next ones, in memory or on disk."""
 
+import pickle
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -135,17 +136,14 @@ class _File:
 
     def written(self, part: MotionPart) -> Callable[[], MotionPart]:
         """Write a part at the end; how it is read again."""
-        arrays = [part.signals] if part.weights is None else [part.signals, part.weights]
-        start, shapes = self._file.seek(0, 2), [array.shape for array in arrays]
-        for array in arrays:
-            self._file.write(array.data)
+        start = self._file.seek(0, 2)
+        pickle.dump(part, self._file, pickle.HIGHEST_PROTOCOL)
         self._file.flush()
-        bare = replace(part, signals=np.zeros((0, 0)), weights=None)
 
         def read() -> MotionPart:
             self._file.seek(start)
-            values = [np.frombuffer(self._file.read(8 * a * b)).reshape(a, b) for a, b in shapes]
-            return replace(bare, signals=values[0], weights=values[1] if values[1:] else None)
+            part: MotionPart = pickle.load(self._file)
+            return part
 
         return read
 
