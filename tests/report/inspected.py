@@ -69,7 +69,8 @@ def payload_events() -> PayloadEvents:
     load = PayloadEstimate("tool0", "flange", ten, 1e-3 * np.eye(10), np.ones(2), np.ones(2))
     kinds: tuple[tuple[Kind, float], ...] = (("picked up", 13.0), ("put down", 54.0))
     events = tuple(
-        PayloadEvent(kind, time, time - 0.2, time + 0.2, 2.0, 0.1, 40.0) for kind, time in kinds
+        PayloadEvent(time, time - 0.2, time + 0.2, 40.0, kind=kind, mass=2.0, mass_half_width=0.1)
+        for kind, time in kinds
     )
     carried = (Carried(13.2, 53.8, load),)
     notes = ("drive gains are assumed known within 2 % each",)

@@ -102,8 +102,9 @@ class Search:
         self.lengths.append(stop - start)
         if len(self.lengths) in self.fails:
             raise DataError("too little motion", where="stream", fix="move")
+        weight = {"mass": 2.0, "mass_half_width": 0.1}
         events = tuple(
-            PayloadEvent(kind, t - start, t - start - 0.1, t - start + 0.1, 2.0, 0.1, 5.0)
+            PayloadEvent(t - start, t - start - 0.1, t - start + 0.1, 5.0, kind=kind, **weight)
             for t, kind in KINDS.items()
             if start + 3.0 < t < stop - 3.0
         )

@@ -41,17 +41,13 @@ class Carried:
     payload: PayloadEstimate
 
 
-@dataclass(frozen=True)
-class PayloadEvent:
-    """A change of what is carried."""
+@dataclass(frozen=True, kw_only=True)
+class PayloadEvent(detection.PayloadChange):
+    """A change of what is carried; in a pause its time is the middle."""
 
     kind: Kind
-    time: float  # when [s] from the start of the log; the middle of a pause in which it happens
-    earliest: float  # start of that interval [s]
-    latest: float  # its end
     mass: float  # by how much the mass changes [kg]
     mass_half_width: float  # half-width of its 95 % interval
-    ratio: float  # squares that it explains over the threshold
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,13 +138,10 @@ def find_payload_events(
         changes = list(compress(changes, differ))
     events = tuple(
         PayloadEvent(
-            "picked up" if mass > 0.0 else "put down",
-            change.time,
-            change.earliest,
-            change.latest,
-            abs(mass),
-            half,
-            change.ratio,
+            **vars(change),
+            kind="picked up" if mass > 0.0 else "put down",
+            mass=abs(mass),
+            mass_half_width=half,
         )
         for change, (mass, half) in zip(changes, masses, strict=True)
     )
