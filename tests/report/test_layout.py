@@ -73,7 +73,7 @@ def test_every_page_fits_is_readable_and_reached_by_the_keyboard(shown: Tab, nam
 def test_the_checks_see_what_is_wrong(
     browser: Tab, tmp_path: Path, change: str, check: str, said: str
 ) -> None:
-    page = page_of("nothing", "arm", "identified", None, ())
+    page = page_of("nothing", "arm", ())
     tab = opened(browser, page, tmp_path)
     assert tab.run(check) == []
     tab = opened(browser, page.replace("</main>", change + "</main>"), tmp_path)
@@ -83,12 +83,12 @@ def test_the_checks_see_what_is_wrong(
 def test_the_checks_see_what_the_keyboard_does_not_reach(browser: Tab, tmp_path: Path) -> None:
     more = "<a href='#x' style='outline:0'>no outline</a><select style='outline:0'></select>"
     trap = "<a href='#y' onfocus='this.blur()'>never</a></main>"
-    page = page_of("nothing", "arm", "identified", None, ()).replace("</main>", more + trap)
+    page = page_of("nothing", "arm", ()).replace("</main>", more + trap)
     assert len(unreached(opened(browser, page, tmp_path))) == 3
 
 
 def test_errors_of_a_page_are_seen(browser: Tab, tmp_path: Path) -> None:
-    page = page_of("nothing", "arm", "identified", None, ())
+    page = page_of("nothing", "arm", ())
     wrong = page.replace("</body>", "<script>missing.name</script></body>")
     assert "missing is not defined" in str(opened(browser, wrong, tmp_path).console)
 
@@ -104,7 +104,7 @@ TABLE = """<div class="box"><table><thead>
 
 
 def test_headings_sort_numbers_as_numbers_with_their_units(browser: Tab, tmp_path: Path) -> None:
-    page = page_of("nothing", "arm", "identified", None, ()).replace("</main>", TABLE)
+    page = page_of("nothing", "arm", ()).replace("</main>", TABLE)
     tab = opened(browser, page, tmp_path)
     rows = "[...document.querySelectorAll('tr')].map(row => row.cells[0].textContent)"
     sort = "document.querySelector('[aria-sort]')?.ariaSort ?? null"

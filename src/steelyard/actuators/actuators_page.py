@@ -36,7 +36,7 @@ from steelyard.actuators.actuator_words_and_tables import (
 )
 from steelyard.actuators.choice import Rung
 from steelyard.actuators.open_loop import OpenLoop
-from steelyard.report.page import Shown, figures, notes, whole_page
+from steelyard.report.page import Shown, figures, notes, page_of
 from steelyard.report.page_figures import (
     Figure,
     Frames,
@@ -184,7 +184,7 @@ class ActuatorIdentification(ActuatorResult):
     def report(self) -> str:
         """The report as one self-contained HTML page."""
         shown = self.validation or self.fitted
-        return whole_page(
+        return page_of(
             f"{self.model.robot.name}: actuators",
             self.model.robot.name,
             (
@@ -261,7 +261,7 @@ class ActuatorValidation(ActuatorResult):
 
     def report(self) -> str:
         """The report as one self-contained HTML page."""
-        return whole_page(
+        return page_of(
             f"{self.model.robot.name}: actuators, validation",
             self.model.robot.name,
             (

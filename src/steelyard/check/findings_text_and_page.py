@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from math import isfinite
 from typing import Any
 
@@ -15,7 +14,7 @@ from rich.text import Text
 from steelyard.base.arrays import by_key, json_values
 from steelyard.check.all_checks import Diagnosis
 from steelyard.check.finding import OPEN_WORD, Edit, Finding, Fix, Picture
-from steelyard.report.page import Numbers, Shown, fill, packed, page_of, script_json
+from steelyard.report.page import Numbers, Shown, fill, notes, packed, page_of, script_json
 from steelyard.report.words import COLOURS, Level, count, percent
 from steelyard.robot.file.toml_edits import lines_of
 
@@ -365,22 +364,14 @@ def render_check(content: CheckContent) -> str:
     rows = [row for group in groups(content.diagnosis) for row in _rows_of_group(group)]
     rows.sort(key=lambda row: ("poor", "fair", OPEN_WORD, "good").index(row["level"]))
     numbers = {**found, "alone": False, "rows": rows, "content": content}
-    sections = [
+    fixes = found["fixes"] and Shown("fixes", "What to do", fill("check_fixes.html", numbers))
+    sections = (
         Shown("verdict", "Verdict", fill("check_verdict.html", numbers)),
+        fixes or None,
         Shown("evidence", "Evidence", fill("findings.html", numbers)),
-    ]
-    if content.notes:
-        notes = fill("notes.html", {"notes": content.notes})
-        sections.append(Shown("notes", "Notes", notes, folded=True))
-    if found["fixes"]:
-        sections.insert(1, Shown("fixes", "What to do", fill("check_fixes.html", numbers)))
-    return page_of(
-        f"{content.robot}: check of the logs",
-        content.robot,
-        "checked",
-        version("steelyard"),
-        sections,
+        notes("notes", "Notes", content.notes, folded=True),
     )
+    return page_of(f"{content.robot}: check of the logs", content.robot, sections, "checked")
 
 
 def _rows_of_group(group: Group) -> list[Numbers]:

@@ -16,7 +16,7 @@ from steelyard.estimate.changes_from_model import OF_JOINT
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.logs_left_out import LeftOut
 from steelyard.fleet.changes_over_days import FleetChange, FleetDays, RobotLevel, half_width
-from steelyard.report.page import figures, notes, whole_page
+from steelyard.report.page import figures, notes, page_of
 from steelyard.report.page_figures import Figure, Group, Key, area, line, points
 from steelyard.report.result import Result, print_verdict
 from steelyard.report.tables import PlainTable, Row, narrow_table
@@ -306,7 +306,7 @@ class Fleet(Result):
             else None,
             notes("work", "Work", [self.work.words, self.shared], folded=True),
         )
-        return whole_page(f"{self.robot}: fleet", self.robot, sections)
+        return page_of(f"{self.robot}: fleet", self.robot, sections)
 
     @cached_property
     def _days_of(self) -> dict[str, tuple[str, ...]]:

@@ -189,17 +189,13 @@ class Shown:
 def render_sections(
     sections: Iterable[Section], content: PageContent, made: str, by: str | None = None
 ) -> str:
-    """The page of the sections that have something to show, as HTML text to be written as UTF-8.
-
-    `made` says what was done, such as `identified`, `by` which version of steelyard, this one if
-    `None`.
-    """
+    """The page of the sections that have something to show, see `page_of`."""
     shown = [
         Shown(section.name, section.title, section.show(numbers), section.folded)
         for section in sections
         if (numbers := section.numbers(content)) is not None
     ]
-    return page_of(content.title, content.robot, made, by or installed("steelyard"), shown)
+    return page_of(content.title, content.robot, shown, made, by)
 
 
 def figures(name: str, title: str, **numbers: Any) -> Shown:
@@ -214,27 +210,28 @@ def notes(name: str, title: str, sentences: Sequence[str], *, folded: bool = Fal
     return Shown(name, title, fill("notes.html", {"notes": sentences}), folded)
 
 
-def whole_page(
-    title: str, robot: str, sections: Iterable[Shown | None], made: str = "inspected"
-) -> str:
-    """The page of what was found in logs, or `made` else, as HTML text, to be written as UTF-8."""
-    shown = [one for one in sections if one is not None]
-    return page_of(title, robot, made, installed("steelyard"), shown)
-
-
 def page_of(
-    title: str, robot: str, made: str, version: str | None, sections: Sequence[Shown]
+    title: str,
+    robot: str,
+    sections: Iterable[Shown | None],
+    made: str = "inspected",
+    by: str | None = None,
 ) -> str:
-    """A page of sections as HTML text; `made` by which version of steelyard, if any."""
+    """A page of sections as HTML text, to be written as UTF-8.
+
+    `made` says what was done, such as `identified`, `by` which version of steelyard, this one if
+    `None`.
+    """
+    shown = [one for one in sections if one is not None]
     page = fill(
         "page.html",
         {
             "title": title,
             "robot": robot,
             "made": made,
-            "version": version,
-            "sections": sections,
-            "plots": any('class="plot"' in one.body or PICTURE in one.body for one in sections),
+            "version": by or installed("steelyard"),
+            "sections": shown,
+            "plots": any('class="plot"' in one.body or PICTURE in one.body for one in shown),
             "style": verbatim("style.css"),
             "script": verbatim("page.js"),
             "plotly": lambda: base64.b64encode(PLOTLY.read_bytes()).decode(),

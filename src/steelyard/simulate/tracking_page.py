@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.text import Text
 
 from steelyard.base.arrays import Array, finite_json, records
-from steelyard.report.page import Shown, figures, fill, whole_page
+from steelyard.report.page import Shown, figures, fill, page_of
 from steelyard.report.page_figures import Figure, Group, Key, evenly, line, thin
 from steelyard.report.result import Result
 from steelyard.report.tables import PlainTable, Row, text_table
@@ -52,7 +52,7 @@ class TrackingComparison(Result):
             ),
             Shown("settings", "Notes and settings", fill("settings.html", told), folded=True),
         )
-        return whole_page(f"Tracking of {self.robot}", self.robot, sections, "simulated")
+        return page_of(f"Tracking of {self.robot}", self.robot, sections, "simulated")
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as JSON values, SI units, as `steelyard track --json` prints them."""

@@ -14,7 +14,7 @@ from rich.text import Text
 from steelyard.base.arrays import Array
 from steelyard.estimate.external.contact_thresholds import RANGES, ContactThresholds
 from steelyard.estimate.scores.residual_traces_and_band_calibration import ResidualTrace
-from steelyard.report.page import figures, notes, whole_page
+from steelyard.report.page import figures, notes, page_of
 from steelyard.report.page_figures import Figure, Group, Key, area, line
 from steelyard.report.result import Result, print_verdict
 from steelyard.report.tables import PlainTable, Row, narrow_table, table_of
@@ -186,7 +186,7 @@ class Contacts(Result):
             figures("thresholds", "Thresholds", tables=[thresholds_table(self, relative=True)]),
             notes("details", "Notes", self.details, folded=True),
         )
-        return whole_page(f"{self.robot}: contacts in {self.trace.run}", self.robot, sections)
+        return page_of(f"{self.robot}: contacts in {self.trace.run}", self.robot, sections)
 
     def to_dict(self) -> dict[str, Any]:
         """Events, thresholds and what they rest on as JSON values."""

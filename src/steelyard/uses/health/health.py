@@ -22,7 +22,7 @@ from steelyard.estimate.scores.residual_traces_and_band_calibration import (
     residual_trace,
 )
 from steelyard.identify.runs_and_notes_of_logs import notes_of, runs_for
-from steelyard.report.page import figures, notes, whole_page
+from steelyard.report.page import figures, notes, page_of
 from steelyard.report.page_figures import Figure, Group, Key, area, line
 from steelyard.report.result import Result, print_verdict
 from steelyard.report.tables import PlainTable, Row, narrow_table
@@ -137,7 +137,7 @@ class Health(Result):
             ),
             notes("notes", "Notes", self.notes, folded=True),
         )
-        return whole_page(f"{self.robot}: health", self.robot, sections)
+        return page_of(f"{self.robot}: health", self.robot, sections)
 
     def to_dict(self) -> dict[str, Any]:
         """What drifted, what was tested, and the values of all windows as JSON values."""

@@ -25,7 +25,7 @@ from steelyard.estimate.scores.residual_traces_and_band_calibration import (
     residual_trace,
 )
 from steelyard.identify.runs_and_notes_of_logs import dropped, fitted_before, runs_for
-from steelyard.report.page import figures, notes, whole_page
+from steelyard.report.page import figures, notes, page_of
 from steelyard.report.page_figures import Figure, Group, Key, area, evenly, line
 from steelyard.report.tables import PlainTable, light_table, table_of
 from steelyard.report.words import rounded_to_uncertainty
@@ -90,7 +90,7 @@ def render_payload_events(found: Sequence[picking.PayloadEvents], robot: str) ->
         notes("notes", "Notes", remarks, folded=True),
     )
     title = f"{robot}: payload in {', '.join(one.run for one in found)}"
-    return whole_page(title, robot, sections)
+    return page_of(title, robot, sections)
 
 
 MASS_LEGEND = [

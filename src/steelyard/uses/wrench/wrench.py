@@ -23,7 +23,7 @@ from steelyard.estimate.external.wrench_methods_and_observer_step import (
 from steelyard.estimate.identified_model import IdentifiedModel, load_model
 from steelyard.identify.runs_and_notes_of_logs import left_out, notes_of, runs_for, was_fitted
 from steelyard.logs.formats import open_log, write_table
-from steelyard.report.page import figures, notes, whole_page
+from steelyard.report.page import figures, notes, page_of
 from steelyard.report.page_figures import Figure, Group, Key, Traced, area, evenly, line
 from steelyard.report.result import Result, print_verdict
 from steelyard.report.tables import PlainTable, Row, narrow_table
@@ -268,7 +268,7 @@ class ExternalWrench(Result):
             ),
             notes("details", "Notes", self.details, folded=True),
         )
-        return whole_page(f"{self.robot}: wrench in {found.run}", self.robot, sections)
+        return page_of(f"{self.robot}: wrench in {found.run}", self.robot, sections)
 
     def to_dict(self) -> dict[str, Any]:
         """What was estimated as JSON values, without the samples."""
