@@ -34,7 +34,7 @@ from steelyard.model.terms.axes_and_fields import finds_of
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
-from steelyard.runs.run import Run, fastest_of
+from steelyard.runs.run import Run, fastest_of, touched_samples
 
 TOO_SHORT = (
     "the runs are too short to compare friction laws on motion that is left out: coulomb + viscous "
@@ -173,17 +173,7 @@ def contact_notes(regressor: regression.Regressor, runs: Sequence[Run]) -> tuple
     base = runs[0].recording.signals.base
     if base is None or not base.touches:
         return ()
-    touching = np.zeros(len(base.touches))
-    near, samples = np.zeros(len(base.touches)), 0
-    for run in runs:
-        for block in run.blocks():
-            if block.touching is None:
-                continue
-            flags = block.touching.flags
-            touching += flags.sum(axis=1)
-            margins = np.array([touch.margin * run.rate for touch in base.touches])
-            near += margins * (flags[:, 1:] != flags[:, :-1]).sum(axis=1)
-            samples += flags.shape[1]
+    touching, near, samples = touched_samples(runs)
     each = ", ".join(
         f"{touch.frame} {100.0 * share:.0f} % ({100.0 * edge:.1f} %)"
         for touch, share, edge in zip(base.touches, touching / samples, near / samples, strict=True)

@@ -39,6 +39,7 @@ from steelyard.model.laws.laws_without_friction import RotorInertia, Spring
 from steelyard.model.laws.register import law_of
 from steelyard.report.words import first_names, significant, with_interval
 from steelyard.robot.robot import BASE_COORDINATES
+from steelyard.runs.run import touched_samples
 
 
 @case_check("95 % bands")
@@ -197,12 +198,7 @@ def constant_flags_check(case: FittedCase) -> Iterable[Finding]:
     base = case.identified.signals.base
     if base is None or not base.touches or not case.fitted:
         return
-    on, samples = np.zeros(len(base.touches)), 0
-    for run in case.fitted:
-        for block in run.blocks():
-            if block.touching is not None:
-                on += block.touching.flags.sum(axis=1)
-                samples += len(block.t)
+    on, _, samples = touched_samples(case.fitted)
     for kind, constant in (("never", on == 0), ("always", on == samples)):
         named = [t.frame for t, so in zip(base.touches, constant, strict=True) if so]
         if named:
