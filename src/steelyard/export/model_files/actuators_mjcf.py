@@ -73,7 +73,14 @@ def actuators_mjcf(model: ActuatorModel, units: Sequence[str] = ()) -> ActuatorF
         motors.remove(motor)
     for j, coordinate in enumerate(robot.coordinates):
         motors.append(_actuator(model, j, coordinate.name))
-    return ActuatorFile(document(root, _head(model, lacks, units)), lacks)
+    more = (
+        "Bodies have no shapes here: no meshes, no contacts.",
+        f"The step is {TIMESTEP:g} s. With longer ones MuJoCo's explicit springs take half a step",
+        "times kp from the damping.",
+        *(DELAYED if np.any(values["delay"] >= TIMESTEP) else ("No delay was identified.",)),
+    )
+    head = head_lines(model, lacks, units, "MJCF", *more, target="ctrl", position="qpos")
+    return ActuatorFile(document(root, comment("\n".join(head))), lacks)
 
 
 def _actuator(model: ActuatorModel, j: int, name: str) -> ET.Element:
@@ -139,26 +146,19 @@ def unsupported(
     return tuple(found)
 
 
-def _head(model: ActuatorModel, lacks: tuple[str, ...], units: Sequence[str]) -> str:
-    """Where the numbers come from, how targets of the log become `ctrl`, and ranges."""
-    values = model.values
-    lines = [
-        *origin_lines(model),
-        "Bodies have no shapes here: no meshes, no contacts.",
-        f"The step is {TIMESTEP:g} s. With longer ones MuJoCo's explicit springs take half a step",
-        "times kp from the damping.",
-        *target_lines(model),
-        *(DELAYED if np.any(values["delay"] >= TIMESTEP) else ("No delay was identified.",)),
-        *range_lines(model),
-        *units,
-        "MJCF cannot represent these parts of the identified actuators:",
-        *(f"  - {sentence}" for sentence in lacks or ("nothing",)),
-    ]
-    return comment("\n".join(lines))
+def head_lines(
+    model: ActuatorModel,
+    lacks: Sequence[str],
+    units: Sequence[str],
+    form: str,
+    *more: str,
+    target: str = "target of the actuator",
+    position: str = "joint position",
+) -> list[str]:
+    """Where the numbers come from, how targets of the log become those of a file, and ranges.
 
-
-def origin_lines(model: ActuatorModel) -> list[str]:
-    """Where the numbers come from: version, runs, and hashes of the inputs."""
+    `form` names the format, `more` are lines about it.
+    """
     origin = model.provenance
     return [
         f"{model.robot.name}: actuators identified with steelyard {origin.version} from targets "
@@ -169,10 +169,21 @@ def origin_lines(model: ActuatorModel) -> list[str]:
         "Masses and inertias are those of the model file, times the factors below where they are "
         "listed.",
         f"Scale: {scale_source(model)}.",
+        *_target_lines(model, target, position),
+        *more,
+        "Parameters, with 95 % intervals. For domain randomisation draw one scale for all values",
+        "of a joint, and the ratios to its stiffness: these are much sharper than the values.",
+        *(_range(one) for one in model.parameters if one.status != "not in the law"),
+        *(_gain(one) for one in model.efforts if one.value is not None),
+        "Ratios to the stiffness, with 95 % intervals:",
+        *_ratios(model),
+        *units,
+        f"{form} cannot represent these parts of the identified actuators:",
+        *(f"  - {sentence}" for sentence in lacks or ("nothing",)),
     ]
 
 
-def target_lines(model: ActuatorModel, target: str = "ctrl", position: str = "qpos") -> list[str]:
+def _target_lines(model: ActuatorModel, target: str, position: str) -> list[str]:
     """How targets and positions of the log become those of the model's joints, by their names."""
     values = model.values
     units = ["" if scale == 1.0 else f"{scale:.9g} * " for scale in model.signals.scale]
@@ -185,18 +196,6 @@ def target_lines(model: ActuatorModel, target: str = "ctrl", position: str = "qp
             f"{values.signs[j]:+g} * {units[j]}logged {values['zero'][j]:+.6g}"
             for j, joint in enumerate(model.joints)
         ),
-    ]
-
-
-def range_lines(model: ActuatorModel) -> list[str]:
-    """Values, ratios and their intervals."""
-    return [
-        "Parameters, with 95 % intervals. For domain randomisation draw one scale for all values",
-        "of a joint, and the ratios to its stiffness: these are much sharper than the values.",
-        *(_range(one) for one in model.parameters if one.status != "not in the law"),
-        *(_gain(one) for one in model.efforts if one.value is not None),
-        "Ratios to the stiffness, with 95 % intervals:",
-        *_ratios(model),
     ]
 
 

@@ -12,10 +12,8 @@ from steelyard.actuators.actuator_parameters import UNLIMITED
 from steelyard.export.model_files.actuators_mjcf import (
     ActuatorFile,
     at_standstill,
-    origin_lines,
-    range_lines,
+    head_lines,
     refuse_beyond_limits,
-    target_lines,
     unsupported,
 )
 
@@ -56,14 +54,7 @@ def actuators_python(
     """
     refuse_beyond_limits(model)
     lacks = unsupported(model, LACKS[framework])
-    lines = [
-        *origin_lines(model),
-        *target_lines(model, "target of the actuator", "joint position"),
-        *range_lines(model),
-        *units,
-        "This configuration cannot represent:",
-        *(f"  - {sentence}" for sentence in lacks or ("nothing",)),
-    ]
+    lines = head_lines(model, lacks, units, "This configuration")
     comment = "\n".join(f"# {line}" for part in lines for line in part.splitlines())
     body = _isaaclab(model) if framework == "isaaclab" else _mjlab(model)
     end = "    }" if framework == "isaaclab" else "    )"

@@ -22,10 +22,8 @@ from steelyard.base.templates import templates_of
 from steelyard.export.model_files.actuators_mjcf import (
     ActuatorFile,
     at_standstill,
-    origin_lines,
-    range_lines,
+    head_lines,
     refuse_beyond_limits,
-    target_lines,
     unsupported,
 )
 from steelyard.export.model_files.representable_content import carriers_of
@@ -63,19 +61,14 @@ def actuators_usd(model: ActuatorModel, units: Sequence[str] = ()) -> ActuatorFi
     bodies, joints = prims[1 : 1 + count], prims[1 + count : 1 + 2 * count]
     motors = prims[1 + 2 * count :]
     root = _prims([robot.name])[0]
-    head = [
-        *origin_lines(model),
-        *target_lines(model, "target of the actuator", "joint position"),
+    more = (
         f"Delays are counted in steps of 1/{RATE} s."
         if np.any(model.values["delay"] > 0.0)
         else "No delay was identified.",
         "The damping is that of the joint's own speed: send no target velocities. Shapes, frames",
         "and speed limits of the model file are not written; the base is the world.",
-        *range_lines(model),
-        *units,
-        "USD cannot represent these parts of the identified actuators:",
-        *(f"  - {sentence}" for sentence in lacks or ("nothing",)),
-    ]
+    )
+    head = head_lines(model, lacks, units, "USD", *more)
     gravity = float(np.linalg.norm(robot.gravity))
     text = (
         templates_of(Path(__file__).parent / "templates")
