@@ -41,6 +41,18 @@ def actuators(step):
     return (""",
 }
 
+NAMES = {
+    "isaaclab": (
+        "{0!r}: DelayedPDActuatorCfg(", "joint_names_expr=[re.escape({0!r})]",
+        "min_delay", "max_delay",
+    ),
+    "mjlab": (
+        "BuiltinPositionActuatorCfg(", "target_names_expr=(re.escape({0!r}),)",
+        "delay_min_lag", "delay_max_lag",
+    ),
+}  # fmt: skip
+"""What begins the configuration of a joint, its field of the joint's name, and those of delays."""
+
 
 def actuators_python(
     model: ActuatorModel, framework: Framework, units: Sequence[str] = ()
@@ -56,48 +68,27 @@ def actuators_python(
     lacks = unsupported(model, LACKS[framework])
     lines = head_lines(model, lacks, units, "This configuration")
     comment = "\n".join(f"# {line}" for part in lines for line in part.splitlines())
-    body = _isaaclab(model) if framework == "isaaclab" else _mjlab(model)
+    body = _configurations(model, framework)
     end = "    }" if framework == "isaaclab" else "    )"
     return ActuatorFile("\n".join([comment, HEAD[framework], *body, end, ""]), lacks)
 
 
-def _isaaclab(model: ActuatorModel) -> Iterator[str]:
+def _configurations(model: ActuatorModel, framework: Framework) -> Iterator[str]:
+    """Lines of the configurations of all joints; no limit where there is none."""
+    opened, names, *delays = NAMES[framework]
+    friction = at_standstill(model.values)
     for j, joint in enumerate(model.joints):
         v = {name: float(x[j]) for name, x in model.values.values.items()}
-        yield f"        {joint!r}: DelayedPDActuatorCfg("
-        yield f"            joint_names_expr=[re.escape({joint!r})],"
-        yield from _fields(
-            stiffness=v["stiffness"],
-            damping=v["damping"],
-            armature=v["armature"],
-            friction=v["coulomb"] + v["stribeck"],
-            dynamic_friction=v["coulomb"],
-            viscous_friction=v["back_emf"],
-            effort_limit=v["torque_limit"],
-        )
-        yield f"            min_delay=round({v['delay']!r} / step),"
-        yield f"            max_delay=round({v['delay']!r} / step),"
+        fields = {"stiffness": v["stiffness"], "damping": v["damping"], "armature": v["armature"]}
+        if framework == "isaaclab":
+            fields |= {"friction": float(friction[j]), "dynamic_friction": v["coulomb"]}
+            fields |= {"viscous_friction": v["back_emf"]}
+        else:
+            fields |= {"damping": v["damping"] + v["back_emf"], "frictionloss": float(friction[j])}
+        fields["effort_limit"] = v["torque_limit"]
+        yield f"        {opened.format(joint)}"
+        yield f"            {names.format(joint)},"
+        for name, value in fields.items():
+            yield f"            {name}={None if value >= UNLIMITED else value!r},"
+        yield from (f"            {name}=round({v['delay']!r} / step)," for name in delays)
         yield "        ),"
-
-
-def _mjlab(model: ActuatorModel) -> Iterator[str]:
-    for j, joint in enumerate(model.joints):
-        v = {name: float(x[j]) for name, x in model.values.values.items()}
-        yield "        BuiltinPositionActuatorCfg("
-        yield f"            target_names_expr=(re.escape({joint!r}),),"
-        yield from _fields(
-            stiffness=v["stiffness"],
-            damping=v["damping"] + v["back_emf"],
-            armature=v["armature"],
-            frictionloss=float(at_standstill(model.values)[j]),
-            effort_limit=v["torque_limit"],
-        )
-        yield f"            delay_min_lag=round({v['delay']!r} / step),"
-        yield f"            delay_max_lag=round({v['delay']!r} / step),"
-        yield "        ),"
-
-
-def _fields(**values: float) -> Iterator[str]:
-    """Fields of a configuration; no limit where there is none."""
-    for name, value in values.items():
-        yield f"            {name}={None if value >= UNLIMITED else value!r},"
