@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,9 @@ from steelyard.logs.formats import FORMATS
 from steelyard.logs.log_and_errors import reading, require_file
 
 COPIED_BYTES = 1 << 22  # bytes that are read at a time
+PATTERN = re.compile(r"[*?[]")  # marks of a pattern of paths
+VERSIONS = ("ETag", "etag", "mtime", "LastModified")
+"""What back ends say of a file's version; without any, its content is read to know it."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,7 @@ def files_of(argument: str) -> list[StoredFile]:
         LogError: There is none, or the place cannot be read.
     """
     found = _remote_files(argument) if is_url(argument) else _local_files(argument)
-    logs = [file for file in found if _suffix(file.url) in FORMATS]
+    logs = [file for file in found if Path(file.name).suffix.lower() in FORMATS]
     if not logs:
         named = f", but {len(found)} other files" if found else ""
         raise LogError(
@@ -71,10 +75,6 @@ def path_of(url: str) -> str:
     return "/" + re.sub(r"^[^/]*://[^/]*/?", "", url).partition("?")[0]
 
 
-def _suffix(url: str) -> str:
-    return Path(path_of(url)).suffix.lower()
-
-
 def _local_files(argument: str) -> list[StoredFile]:
     place = Path(argument)
     if place.is_dir():
@@ -82,20 +82,13 @@ def _local_files(argument: str) -> list[StoredFile]:
     elif place.exists():
         paths, root = [place], place.parent
     else:
-        root = Path(*[part for part in _before_pattern(place.parts)])
+        root = Path(*takewhile(lambda part: not PATTERN.search(part), place.parts))
         if root == place:
             require_file(place)  # says what is there instead
         paths = [*root.glob(str(place.relative_to(root)))]
     hidden = re.compile(r"(?:^|/)\.[^./]")
     shown = (p for p in paths if not hidden.search(p.relative_to(root).as_posix()))
     return [_local(path) for path in shown if path.is_file() or path.is_symlink()]
-
-
-def _before_pattern(parts: tuple[str, ...]) -> Iterator[str]:
-    for part in parts:
-        if any(mark in part for mark in "*?["):
-            return
-        yield part
 
 
 def _local(path: Path) -> StoredFile:
@@ -113,28 +106,20 @@ def _remote_files(argument: str) -> list[StoredFile]:
     system, path = _file_system(argument)
     with _explained(argument):
         system.invalidate_cache()  # logs may have come since the last look
-        if any(mark in path for mark in "*?["):
+        if PATTERN.search(path):
             found = system.glob(path, detail=True)
         elif system.isfile(path):
             found = {path: system.info(path)}
         else:
             found = system.find(path, detail=True)
     scheme = argument.partition("://")[0]
-    return [
-        StoredFile(f"{scheme}://{name.lstrip('/') if scheme != 'file' else name}", _size(info),
-                   _stamp(info))
-        for name, info in found.items()
-        if info.get("type", "file") == "file"
-    ]  # fmt: skip
-
-
-def _size(info: dict[str, Any]) -> int:
-    return int(info.get("size") or 0)
-
-
-def _stamp(info: dict[str, Any]) -> str:
-    """What back ends say of a file's version; without any, its content is read to know it."""
-    return str(next((info[k] for k in ("ETag", "etag", "mtime", "LastModified") if k in info), ""))
+    files = []
+    for name, info in found.items():
+        if info.get("type", "file") == "file":
+            url = f"{scheme}://{name.lstrip('/') if scheme != 'file' else name}"
+            stamp = next((info[k] for k in VERSIONS if k in info), "")
+            files.append(StoredFile(url, int(info.get("size") or 0), str(stamp)))
+    return files
 
 
 def _file_system(url: str) -> tuple[Any, str]:

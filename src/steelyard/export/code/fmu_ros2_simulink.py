@@ -130,11 +130,6 @@ class Variable(NamedTuple):
     start: float | None
     meaning: str
 
-    @property
-    def causality(self) -> str:
-        """Whether it is an input or an output."""
-        return "output" if self.start is None else "input"
-
 
 def variables_of(code: CCode) -> list[Variable]:
     """Positions, velocities and accelerations, then efforts; with loops the closure error."""

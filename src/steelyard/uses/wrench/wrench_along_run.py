@@ -253,13 +253,6 @@ def _driven(
     return observed.momentum.copy(), effort + observed.drive
 
 
-def residual_of(identified: IdentifiedModel, asked: ResidualKind | None) -> ResidualKind:
-    """What external torques are computed from: the torque where the base floats."""
-    if asked == "momentum":
-        refuse_floating(identified.robot, "the momentum of external torques")
-    return asked or ("torque" if identified.robot.floating else "momentum")
-
-
 def estimated_wrench(
     identified: IdentifiedModel,
     run: Run,
@@ -290,7 +283,9 @@ def estimated_wrench(
         )
     chosen = _bandwidth(identified, run, bandwidth)
     whole = replace(run, span=(-np.inf, np.inf))
-    residual = residual_of(identified, residual)
+    if residual == "momentum":
+        refuse_floating(identified.robot, "the momentum of external torques")
+    residual = residual or ("torque" if identified.robot.floating else "momentum")
     sigma = np.asarray(identified.estimate.sigma)
     method = Smoothed() if method is None else method
     pushes = _expected_efforts(identified, whole, method.expected)
