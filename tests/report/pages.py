@@ -27,7 +27,7 @@ from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS
 from steelyard.identify.page.report_content_and_error_words import ReportContent
 from steelyard.identify.scores_and_model_report import render
 from steelyard.report.page import render_sections
-from steelyard.uses.payload.payload import render_payload_events
+from steelyard.uses.payload.payload import PayloadsOfLogs
 
 PAGES = (
     "identification",
@@ -61,7 +61,7 @@ def pages_of(
         "contact": contact_content().report(),
         "wrench": wrench_content().report(),
         "measured wrench": measured_wrench_content().report(),
-        "payload": render_payload_events([payload_events()], "arm"),
+        "payload": PayloadsOfLogs("arm", (payload_events(),)).report(),
         "health": health_content().report(),
     }
 

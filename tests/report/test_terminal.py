@@ -19,7 +19,7 @@ from steelyard.identify.scores_and_model_report import (
     render,
 )
 from steelyard.identify.verdict_and_next_steps import verdict
-from steelyard.uses.payload.payload import event_lines
+from steelyard.uses.payload.payload import PayloadsOfLogs
 from steelyard.uses.watch.watch import summary_lines
 
 
@@ -234,7 +234,7 @@ def test_no_change_of_payload_is_claimed_only_where_one_would_be_seen():
     lines = []
     for found in (clear, blind):
         console = Console(file=io.StringIO(), width=200)
-        event_lines([found], console)
+        PayloadsOfLogs("arm", (found,)).show(console)
         lines.append(console.file.getvalue())
     assert lines[0] == "day: no change of payload by 0.45 kg or more\n"
     assert "day: cannot tell whether the payload changes: one by less than 4.3 kg" in lines[1]

@@ -2,15 +2,11 @@
 
 import io
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
-from rich.console import Console
-
 from steelyard.base.files import whole_folder, write_json
 from steelyard.base.progress import Progress
-from steelyard.estimate.identified_model import load_model
 from steelyard.export.code.export_code import CodeFormat, export_code
 from steelyard.export.model_files.export_model_file import export as export_file
 from steelyard.report.result import TEXT_WIDTH, Result
@@ -18,7 +14,6 @@ from steelyard.report.terminal import terminal
 from steelyard.uses.contact.contact import contact
 from steelyard.uses.health.health import health
 from steelyard.uses.payload import payload as payloads
-from steelyard.uses.payload.pick_up_and_put_down import events_dict
 from steelyard.uses.wrench.wrench import external_wrench
 
 Given = Mapping[str, Any]  # `model`, `logs`, `free` (logs without load or contact) and `frame`
@@ -36,16 +31,14 @@ def _payload(given: Given, folder: Path, progress: Progress) -> str:
         given["model"], given["logs"], given["frame"], unloaded=given["free"], progress=progress
     )
     write_json(folder / "payload.json", found.to_dict())
-    return _printed(partial(payloads.payload_lines, found))
+    text = io.StringIO()
+    payloads.payload_lines(found, terminal(file=text, width=TEXT_WIDTH))
+    return text.getvalue()
 
 
 def _events(given: Given, folder: Path, progress: Progress) -> str:
-    identified = load_model(given["model"])
-    found = payloads.events_of_logs(identified, given["logs"], given["frame"], None, progress)
-    write_json(folder / "payload.json", events_dict(found))
-    page = payloads.render_payload_events(found, identified.robot.name)
-    (folder / "report.html").write_text(page, encoding="utf-8")
-    return _printed(partial(payloads.event_lines, found))
+    model, logs, frame = given["model"], given["logs"], given["frame"]
+    return _written(payloads.events_of_logs(model, logs, frame, None, progress), folder)
 
 
 def _contact(given: Given, folder: Path, progress: Progress) -> str:
@@ -76,12 +69,6 @@ USES: Mapping[str, Callable[[Given, Path, Progress], str]] = {
 def _written(found: Result, folder: Path) -> str:
     found.write(folder)
     return str(found)
-
-
-def _printed(show: Callable[[Console], None]) -> str:
-    text = io.StringIO()
-    show(terminal(file=text, width=TEXT_WIDTH))
-    return text.getvalue()
 
 
 def export(

@@ -199,12 +199,10 @@ def payload(
 
     Example: steelyard payload steelyard-ur10e loaded.csv --frame tool0 --box 0.2 0.1 0.1
     """
-    from steelyard.estimate.identified_model import load_model
     from steelyard.report.terminal import terminal
-    from steelyard.uses.payload import payload as payload_results
-    from steelyard.uses.payload.pick_up_and_put_down import events_dict
+    from steelyard.uses.payload.payload import events_of_logs, payload_lines
 
-    given, folder = call.keywords, shared.optional_folder(output)
+    given = call.keywords
     common = ("model", "logs", "frame", "gain_uncertainty")
     if when and any(value for name, value in given.items() if name not in common):
         raise DataError(
@@ -212,31 +210,23 @@ def payload(
             where="--unloaded" if given.get("unloaded") else "--mass, --com, --box, ...",
             fix="leave these out with --when, or weigh without --when",
         )
-    identified = load_model(given["model"])
-    frame, gain = given["frame"], given["gain_uncertainty"]
+    if when:
+        events = partial(events_of_logs, *(given[name] for name in common))
+        shared.reported(events, output, as_json, payload="payload.json", report="report.html")
+        return
+    folder = shared.optional_folder(output)
     with shared.progress_bar() as progress:
-        if when:
-            events = payload_results.events_of_logs(
-                identified, given["logs"], frame, gain, progress
-            )
-            result, show = events_dict(events), partial(payload_results.event_lines, events)
-        else:
-            found = call(model=identified, progress=progress)
-            result, show = found.to_dict(), partial(payload_results.payload_lines, found)
+        found = call(progress=progress)
     if folder is not None:
         with whole_folder(folder) as part:
-            write_json(part / "payload.json", result)
-            if when:
-                page = payload_results.render_payload_events(events, identified.robot.name)
-                (part / "report.html").write_text(page, encoding="utf-8")
+            write_json(part / "payload.json", found.to_dict())
             interrupt.too_late()
     if as_json:
-        shared.print_json(result)
+        shared.print_json(found.to_dict())
         return
-    show(terminal())
+    payload_lines(found, terminal())
     if folder is not None:
-        files = {"payload": "payload.json", **({"report": "report.html"} if when else {})}
-        typer.echo("\n" + shared.file_lines(folder, **files))
+        typer.echo("\n" + shared.file_lines(folder, payload="payload.json"))
 
 
 @from_function("steelyard:contact")

@@ -2,10 +2,11 @@
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from math import isfinite
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -27,6 +28,7 @@ from steelyard.estimate.scores.residual_traces_and_band_calibration import (
 from steelyard.identify.runs_and_notes_of_logs import dropped, fitted_before, runs_for
 from steelyard.report.page import figures, notes, page_of
 from steelyard.report.page_figures import Figure, Group, Key, area, evenly, line
+from steelyard.report.result import Result
 from steelyard.report.tables import PlainTable, light_table, table_of
 from steelyard.report.words import rounded_to_uncertainty
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, INERTIAL_UNITS
@@ -66,31 +68,6 @@ def counted_changes(found: picking.PayloadEvents) -> str:
 
 
 MOST_POINTS_OF_MASS = 3000  # points of a line, at most
-
-
-def render_payload_events(found: Sequence[picking.PayloadEvents], robot: str) -> str:
-    """The page as HTML text, to be written as UTF-8."""
-    limits = [f"{one.run}: {one.unexplained}" for one in found if one.unexplained]
-    remarks = tuple(dict.fromkeys(note for one in found for note in one.notes))
-    logs = (
-        figures(
-            f"log{number}",
-            one.run,
-            words=f"{one.run}: {counted_changes(one)}. Frame '{one.frame}'.",
-            tables=_tables(one),
-            legend=MASS_LEGEND,
-            groups=[Group([_figure(one)], columns="one")],
-            note=MASS_WINDOW_NOTE,
-        )
-        for number, one in enumerate(found, start=1)
-    )
-    sections = (
-        notes("limits", "Limits of this result", limits),
-        *logs,
-        notes("notes", "Notes", remarks, folded=True),
-    )
-    title = f"{robot}: payload in {', '.join(one.run for one in found)}"
-    return page_of(title, robot, sections)
 
 
 MASS_LEGEND = [
@@ -144,6 +121,71 @@ def _figure(found: picking.PayloadEvents) -> Figure:
     return Figure("", label, "time [s]", "mass [kg]", traces, {"showlegend": False})
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class PayloadsOfLogs(Result):
+    """When the payload changes along some logs."""
+
+    robot: str
+    logs: tuple[picking.PayloadEvents, ...]
+    json_name = "payload.json"
+
+    def report(self) -> str:
+        """The report as one self-contained HTML page."""
+        limits = [f"{one.run}: {one.unexplained}" for one in self.logs if one.unexplained]
+        logs = (
+            figures(
+                f"log{number}",
+                one.run,
+                words=f"{one.run}: {counted_changes(one)}. Frame '{one.frame}'.",
+                tables=_tables(one),
+                legend=MASS_LEGEND,
+                groups=[Group([_figure(one)], columns="one")],
+                note=MASS_WINDOW_NOTE,
+            )
+            for number, one in enumerate(self.logs, start=1)
+        )
+        sections = (
+            notes("limits", "Limits of this result", limits),
+            *logs,
+            notes("notes", "Notes", self.notes, folded=True),
+        )
+        title = f"{self.robot}: payload in {', '.join(one.run for one in self.logs)}"
+        return page_of(title, self.robot, sections)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was taken for granted."""
+        return tuple(dict.fromkeys(note for one in self.logs for note in one.notes))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Events as JSON values, all together and log by log."""
+        logs = [one.to_dict() for one in self.logs]
+        return {
+            "schema": "steelyard.payload_events",
+            "schema_version": 1,
+            "events": [event for log in logs for event in log["events"]],
+            "logs": logs,
+        }
+
+    def show(self, console: Console) -> None:
+        """Print when the payload changes along each log."""
+        for one in self.logs:
+            console.print(Text(f"{one.run}: {counted_changes(one)}", style="bold"))
+            if one.unexplained:
+                console.print(Text(f"! {one.unexplained}", style="yellow"))
+            for event in one.events:
+                mass, half = rounded_mass(event.mass, event.mass_half_width)
+                between = f"({event.earliest:.2f} to {event.latest:.2f} s)"
+                text = f"  {event.time:8.2f} s  {between}  {event.kind:9}  {mass} ± {half} kg"
+                console.print(Text(text))
+            for some in one.carried:
+                mass, half = rounded_mass(some.payload.mass, float(some.payload.half_width[0]))
+                text = f"  carried from {some.start:.2f} to {some.stop:.2f} s: {mass} ± {half} kg"
+                console.print(Text(text))
+        for note in self.notes:
+            console.print(Text(f"note: {note}"))
+
+
 def payload_lines(estimate: PayloadEstimate, console: Console) -> None:
     """Print the mass in one line, the table and how far it can be trusted."""
     clear = estimate.weighs and not estimate.unexplained
@@ -161,25 +203,6 @@ def payload_lines(estimate: PayloadEstimate, console: Console) -> None:
     remarks = (remark for remark in estimate.remarks if remark != estimate.unexplained)
     for text in (*remarks, *(f"note: {note}" for note in estimate.notes)):
         console.print(Text(text))
-
-
-def event_lines(found: Sequence[picking.PayloadEvents], console: Console) -> None:
-    """Print when the payload changes along some logs."""
-    for one in found:
-        console.print(Text(f"{one.run}: {counted_changes(one)}", style="bold"))
-        if one.unexplained:
-            console.print(Text(f"! {one.unexplained}", style="yellow"))
-        for event in one.events:
-            mass, half = rounded_mass(event.mass, event.mass_half_width)
-            between = f"({event.earliest:.2f} to {event.latest:.2f} s)"
-            text = f"  {event.time:8.2f} s  {between}  {event.kind:9}  {mass} ± {half} kg"
-            console.print(Text(text))
-        for some in one.carried:
-            mass, half = rounded_mass(some.payload.mass, float(some.payload.half_width[0]))
-            text = f"  carried from {some.start:.2f} to {some.stop:.2f} s: {mass} ± {half} kg"
-            console.print(Text(text))
-    for note in dict.fromkeys(note for one in found for note in one.notes):
-        console.print(Text(f"note: {note}"))
 
 
 NAMES = (
@@ -265,7 +288,7 @@ def events_of_logs(
     frame: str | None,
     gain_uncertainty: float | None,
     progress: Progress,
-) -> tuple[picking.PayloadEvents, ...]:
+) -> PayloadsOfLogs:
     """When the payload changes along each log; the arguments are those of `payload_events`."""
     identified, found = load_model(model), []
     files, _ = _logs(identified, paths_of(logs, least=1), [], frame)
@@ -273,7 +296,7 @@ def events_of_logs(
     for run in _runs(identified, files, progress):
         samples = gather_samples(regressor, run, threads=threads, progress=progress)
         found.append(picking.find_payload_events(identified, samples, frame, gain=gain_uncertainty))
-    return tuple(found)
+    return PayloadsOfLogs(identified.robot.name, tuple(found))
 
 
 @checked(gain_uncertainty=0.0)
@@ -372,4 +395,4 @@ def payload_events(
         >>> payload_events("arm-model", "other.csv").events
         ()
     """
-    return events_of_logs(model, log, frame, gain_uncertainty, progress)[0]
+    return events_of_logs(model, log, frame, gain_uncertainty, progress).logs[0]

@@ -98,17 +98,6 @@ class PayloadEvents:
         }
 
 
-def events_dict(found: Sequence[PayloadEvents]) -> dict[str, Any]:
-    """Events of some logs as JSON values, all together and log by log."""
-    logs = [one.to_dict() for one in found]
-    return {
-        "schema": "steelyard.payload_events",
-        "schema_version": 1,
-        "events": [event for log in logs for event in log["events"]],
-        "logs": logs,
-    }
-
-
 def find_payload_events(
     identified: IdentifiedModel,
     samples: FilteredSamples,
