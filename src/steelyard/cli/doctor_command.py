@@ -81,7 +81,7 @@ def examined() -> Iterator[Line]:
     yield Line("Python", f"{platform.python_version()}, {sys.executable}")
     yield Line("machine", f"{platform.platform()}, {os.cpu_count() or 1} cores")
     yield _packages()
-    yield from (_extra(name, use) for name, use in EXTRA_PACKAGES.items())
+    yield from (_packages(extra, use) for extra, use in EXTRA_PACKAGES.items())
     from steelyard.symbolic.native import compiler
 
     about = f"{compiler.version()} for {compiler.host()[0]}, {compiler.lanes()} lanes"
@@ -104,31 +104,20 @@ def _names(extra: str = "") -> list[str]:
     return found
 
 
-def _versions(names: list[str]) -> tuple[list[str], list[str]]:
-    """Those that are installed, with versions, and those that are not."""
-    there, missing = [], []
-    for name in names:
+def _packages(extra: str = "", use: str = "") -> Line:
+    """What steelyard needs, or an extra adds: with versions, or what of it is missing."""
+    name, there, missing = f"extra {extra}" if extra else "packages", [], []
+    for package in _names(extra):
         try:
-            there.append(f"{name} {version(name)}")
+            there.append(f"{package} {version(package)}")
         except PackageNotFoundError:
-            missing.append(name)
-    return there, missing
-
-
-def _packages() -> Line:
-    there, missing = _versions(_names())
-    if missing:
-        fix = f"{sys.executable} -m pip install {' '.join(missing)}"
-        return Line("packages", f"missing: {', '.join(missing)}", False, fix)
-    return Line("packages", ", ".join(there))
-
-
-def _extra(name: str, use: str) -> Line:
-    there, missing = _versions(_names(name))
-    if missing:
-        how = f'{sys.executable} -m pip install "steelyard[{name}]"'
-        return Line(f"extra {name}", f"not installed: {use}", fix=how, optional=True)
-    return Line(f"extra {name}", f"{', '.join(there)}: {use}")
+            missing.append(package)
+    if not missing:
+        return Line(name, ", ".join(there) + f": {use}" * bool(extra))
+    wanted = f'"steelyard[{extra}]"' if extra else " ".join(missing)
+    fix = f"{sys.executable} -m pip install {wanted}"
+    says = f"not installed: {use}" if extra else f"missing: {', '.join(missing)}"
+    return Line(name, says, bool(extra), fix, bool(extra))
 
 
 def _cache() -> Line:
