@@ -140,6 +140,16 @@ class ExternalWrench(Result):
         )
 
     @property
+    def settings(self) -> str:
+        """The same in short."""
+        found = self.estimate
+        axes = found.frame if found.axes == "frame" else "the base"
+        return (
+            f"On the robot, moments about the frame's origin, axes of {axes}; 95 % intervals; "
+            f"{found.method}, by the {found.residual}, low-pass {found.bandwidth:.3g} Hz"
+        )
+
+    @property
     def components(self) -> tuple[ComponentSummary, ...]:
         """Figures of the six components."""
         found = self.estimate
@@ -334,7 +344,7 @@ class ExternalWrench(Result):
 
     def show(self, console: Console) -> None:
         """Print the components and what qualifies them."""
-        print_verdict(console, self.headline, self.claim, self.warnings)
+        print_verdict(console, self.headline, self.settings, self.warnings)
         console.print(narrow_table(components_table(self)))
         if self.measured is not None:
             table = self.measured.table()
