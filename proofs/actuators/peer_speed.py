@@ -23,7 +23,7 @@ from steelyard.actuators.target_runs import windows_of
 from steelyard.estimate.identified_model import Provenance
 from steelyard.export.model_files.actuators_mjcf import actuators_mjcf
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.runs.runs_of_named_logs import LogArgument
+from steelyard.runs.runs_of_named_logs import log_file
 
 TIMED = True  # nothing else may run beside it
 
@@ -42,7 +42,7 @@ def main() -> list[Claim]:
     assert loaded.targets is not None
     runs = []
     for name in FITTED:
-        argument = LogArgument(f"{data / name}.parquet@0:{SECONDS:g}", data / f"{name}.parquet")
+        argument = log_file(f"{data / name}.parquet@0:{SECONDS:g}")
         runs += read_targets(argument, loaded.targets, loaded.robot).runs
     values = ActuatorValues.of(
         np.ones(6).tolist(), stiffness=15.0, damping=0.6, coulomb=0.3, armature=0.02, delay=0.005
