@@ -28,7 +28,7 @@ NEWER = ("steelyard.actuators", "steelyard.app", "steelyard.fleet")
 """Rooms that there were not when the bound of lines was set."""
 
 MOST = {
-    "lines without actuators, app and fleet": 90_000,  # of the rooms that there were when it was set
+    "lines of older rooms": 90_000,  # of the rooms that there were when it was set
     "files": 400,
     "files that health reaches": 270,
     "files that validate reaches": 270,
@@ -65,7 +65,7 @@ def measured(package: Path) -> Figures:
         lines, nodes = path.read_text("utf-8").splitlines(), list(ast.walk(trees[name]))
         texts = {n for node in nodes if _is_text(node) for n in _rows(node)}
         counts["lines"] += len(lines)
-        counts["lines without actuators, app and fleet"] += len(lines) * (not name.startswith(NEWER))
+        counts["lines of older rooms"] += len(lines) * (not name.startswith(NEWER))
         counts["lines of docstrings"] += len(texts)
         counts["blank lines"] += sum(
             not line.strip() for n, line in enumerate(lines, 1) if n not in texts
