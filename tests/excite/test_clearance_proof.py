@@ -1,6 +1,7 @@
 """Clearances that are proven for all times."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -88,7 +89,8 @@ def test_the_bound_is_exact_where_it_is_known(tmp_path: Path) -> None:
     )
     floor, ball = wall("floor", (0.0, 0.0, 2.0), -0.7), obstacle("ball", Ball(0.1), (0.8, 0, 0))
     loaded = load_robot(written(tmp_path, text))
-    found = self_clearance(loaded, others=(floor, ball), activation_distance=1.0)
+    found = self_clearance(loaded, others=(floor, ball))
+    found = replace(found, activation_distance=np.ones(len(found.pairs)))
     swing = FourierMotion(np.array([0.2]), np.array([[0.4, -0.2]]), np.zeros((1, 2)), 4.0)
     low, high = (float(end[0]) for end in swing.extremes(0))
     closest = 0.0 if low <= 0.0 <= high else min(abs(low), abs(high))

@@ -11,7 +11,11 @@ import pytest
 
 from excite.colliding import distances, joint, link, panda, postures, snake, ur10, urdf, written
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.clearance import Clearance, self_clearance
+from steelyard.excite.collision.clearance import (
+    CLEARANCE_ROOM,
+    Clearance,
+    self_clearance,
+)
 from steelyard.excite.collision.robot_and_cell_shapes_from_files import world_shapes
 from steelyard.excite.collision.solids_and_shapes import (
     Ball,
@@ -242,13 +246,11 @@ def test_what_cannot_move_may_touch_the_cell(tmp_path: Path) -> None:
 
 def test_the_cell_alone(tmp_path: Path) -> None:
     others = (obstacle("ball", Ball(0.1), (1.0, 0.0, 0.5)),)
-    found = self_clearance(
-        snake(tmp_path), others=others, bodies=False, margin=0.02, activation_distance=0.1
-    )
+    found = self_clearance(snake(tmp_path), others=others, bodies=False, margin=0.02)
     assert {pair.second for pair in found.pairs} == {"ball"}
     assert "base" not in {pair.first for pair in found.pairs}
     assert found.labels[0] == "distance of 'one' and 'ball' above 0.02 m"
-    assert np.all(found.activation_distance == 0.1)
+    assert np.all(found.activation_distance == CLEARANCE_ROOM)
 
 
 @pytest.mark.parametrize("written_as", ["urdf", "xml"])

@@ -267,10 +267,10 @@ def test_sums_and_ramps_that_do_not_fit_are_refused() -> None:
 
 
 def test_postures_and_times_are_checked() -> None:
-    with pytest.raises(ValueError, match="2 of them or more, not 1"):
+    with pytest.raises(ValueError, match="there are two or more"):
         through_postures([[0.0]], 1.0)
     for move, dwell in ((0.0, 0.0), (1.0, -1.0), (np.inf, 0.0)):
-        with pytest.raises(ValueError, match="moves take more than 0 s"):
+        with pytest.raises(ValueError, match="breaks of a motion rise|not finite"):
             through_postures([[0.0], [1.0]], move, dwell)
 
 

@@ -84,11 +84,6 @@ def test_refuses_no_time(period: float, periods: int) -> None:
         FourierMotion.from_free([0.0], np.ones((1, 4)), period, periods)
 
 
-def test_refuses_one_harmonic() -> None:
-    with pytest.raises(ValueError, match="2 harmonics or more"):
-        rest_basis(1)
-
-
 def test_is_a_trajectory() -> None:
     trajectory: Trajectory = some_motion()
     assert len(trajectory.sample([])) == 0

@@ -418,6 +418,11 @@ def test_sweeps(tmp_path: Path) -> None:
     assert more.duration > motion.duration
 
 
+def test_a_start_of_sweeps_outside_is_refused_with_its_joint(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"outside the range of joint '\w+' by"):
+        plan(tmp_path, OPEN + table("sweeps", start=[0.0, 90.0, 0.0]))
+
+
 def test_postures(tmp_path: Path) -> None:
     motion = plan(tmp_path, OPEN + table("postures", count=4, dwell=0.7))
     t = np.linspace(0.0, motion.duration, 20001)

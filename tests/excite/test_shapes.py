@@ -11,7 +11,7 @@ from excite.colliding import SNAKE, joint, link, panda, snake, urdf, written
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.clearance import self_clearance
 from steelyard.excite.collision.robot_and_cell_shapes_from_files import robot_shapes, world_shapes
-from steelyard.excite.collision.solids_and_shapes import Ball, obstacle, placed, wall
+from steelyard.excite.collision.solids_and_shapes import Ball, placed, wall
 from steelyard.robot.file.robot_file import load_robot
 
 BOMB = """<?xml version="1.0"?><!DOCTYPE robot [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;">]>
@@ -212,8 +212,6 @@ def test_things_are_attached_where_they_are_stated_to_be(tmp_path: Path) -> None
     assert (load.body, load.origin) == (frame.body, "tool")
     with pytest.raises(ModelError, match="has no direction"):
         wall("floor", (0.0, 0.0, 0.0), 1.0)
-    with pytest.raises(ValueError, match="is not a rotation"):
-        obstacle("crate", Ball(0.1), rotation=2.0 * np.eye(3))
     slope = wall("slope", (3.0, 0.0, 4.0), 2.0)
     np.testing.assert_allclose(slope.rotation[:, 2], (0.6, 0.0, 0.8))
     np.testing.assert_allclose(slope.position @ (0.6, 0.0, 0.8), 0.4)

@@ -9,7 +9,8 @@ import pytest
 
 from law_cases import CASES, LawCase, name_of
 from moving import geared
-from steelyard.model.laws.friction_over_speed import DirectionalViscous, Viscous
+from steelyard.model.laws.friction_over_speed import Viscous
+from steelyard.model.laws.laws_without_friction import PolynomialSpring
 from steelyard.model.laws.register import REQUIRED, TERMS, complete, law_of
 from steelyard.model.terms.stateful_terms import Presliding
 from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, Term
@@ -42,10 +43,10 @@ def test_the_table_of_the_docs_names_every_law_and_its_fields() -> None:
 
 @pytest.mark.parametrize("name", ["law", *REQUIRED])
 def test_a_law_that_lacks_something_is_refused(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert complete(DirectionalViscous) is DirectionalViscous
-    monkeypatch.delattr(DirectionalViscous, name)
-    with pytest.raises(TypeError, match=f"law DirectionalViscous: lacks '{name}'"):
-        complete(DirectionalViscous)
+    assert complete(PolynomialSpring) is PolynomialSpring
+    monkeypatch.delattr(PolynomialSpring, name)
+    with pytest.raises(TypeError, match=f"law PolynomialSpring: lacks '{name}'"):
+        complete(PolynomialSpring)
 
 
 @dataclass(frozen=True)

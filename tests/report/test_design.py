@@ -261,6 +261,8 @@ def test_a_safe_motion_says_what_it_shows_and_that_it_is_proven(designed: Design
     assert "limits: tool box (tool point only)" in printed(designed, verbose=True)
     assert "the acceleration is a guess" in words and "Assumed: something" in words
     assert "7 searches finished in 2.5 s" in words and "improved 2 times" in words
+    longer = text(render_design(content(replace(designed, seconds=3600.4))))
+    assert "best of 7 searches in 3600 s" in longer and "finished in 3600 s" in longer
     assert (
         "trajectory.json" in words and "--dry-run 0.2" in words and "(20 s instead of 4 s)" in words
     )

@@ -29,11 +29,12 @@ from steelyard.excite.constraints.constraint_and_limits import Constraint, Motio
 from steelyard.excite.optimality_criteria import Criterion, d_optimal, worst
 from steelyard.excite.search.margins_barrier_and_newton import InequalityConstraints
 from steelyard.excite.trajectories.motion_families import Basis
-from steelyard.model.equations.inverse_dynamics import JointState, completed
+from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.equations.passive_joints import passive_ways
 from steelyard.model.model import Model
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.robot import Robot
-from steelyard.symbolic.native.compiled_programs import Code, compiled, compiled_equations
+from steelyard.symbolic.native.compiled_programs import Code, compiled
 from steelyard.symbolic.program_and_softening import InputArray as Input
 from steelyard.symbolic.program_and_softening import Program, softened
 
@@ -125,17 +126,7 @@ class InformationEvaluator:
     @cached_property
     def _passive_map(self) -> Code | None:
         """How passive positions follow the independent ones; `None` for a tree."""
-        robot = self.model.robot
-        if not robot.passive:
-            return None
-
-        def rows(q: Any, channels: Any) -> list[Any]:
-            still = [0.0] * robot.n
-            ways = completed(robot, JointState(q, still, still, channels))[1]
-            return [0.0 if x is None else x for row in ways for x in row]
-
-        inputs = [Input("q", robot.n), Input("channels", len(robot.passive))]
-        return compiled_equations(["passive map", *self._key], rows, inputs)
+        return passive_ways(self.model.robot) if self.model.robot.passive else None
 
     @property
     def _key(self) -> list[Any]:
@@ -153,7 +144,7 @@ class InformationEvaluator:
 
     def _blocks(self, entries: Array) -> list[Array]:
         """Views of each effort row's entries, `(seen columns, N)`."""
-        return np.split(entries, np.cumsum([len(seen) for seen, _, _ in self._places])[:-1])
+        return np.split(entries, np.cumsum([len(seen) for seen in self.sees])[:-1])
 
     def _program(self) -> tuple[Program, dict[str, Any]]:
         """The regressor's entries with softened jumps, and the columns that each row `sees`."""

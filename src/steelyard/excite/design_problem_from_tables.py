@@ -1,15 +1,14 @@
 """From a robot file's `[excitation]` tables to the problem that they describe."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from steelyard.base.arrays import Array, Parameters, frozen
-from steelyard.base.errors import DataError, ModelError, refuse_unknown
+from steelyard.base.arrays import Array, Parameters
+from steelyard.base.errors import DataError, ModelError
 from steelyard.estimate.information.base_parameters_and_regressor import (
     FAINT,
-    BaseMap,
     base_parameters,
     clear_map,
 )
@@ -20,11 +19,9 @@ from steelyard.excite.collision.workspace_from_tables import (
     ConstraintsAndNotes,
     workspace_of,
     world_of,
-    written,
 )
 from steelyard.excite.constraints.bounds_in_time_and_effort_limits import (
     EffortLimit,
-    payload_numbers,
     power_limit,
     torque_limit,
     with_payload,
@@ -37,16 +34,13 @@ from steelyard.excite.constraints.constraint_and_limits import (
     MotionLimits,
     motion_limits,
 )
+from steelyard.excite.criterion_from_tables import cases_of
 from steelyard.excite.design_problem_and_information import (
     KEPT_PER_WAVE,
-    Case,
     Earlier,
-    InformationEvaluator,
     Problem,
 )
-from steelyard.excite.optimality_criteria import CRITERIA, measure
 from steelyard.excite.standing.forces_of_feet import LEAST_FORCES_NOTE, feet_forces
-from steelyard.excite.standing.information_on_feet import InformationOnFeet
 from steelyard.excite.standing.legs_follow_base import (
     RESERVE,
     LegLimits,
@@ -56,17 +50,14 @@ from steelyard.excite.standing.legs_follow_base import (
 )
 from steelyard.excite.standing.standing_robot import tree_of
 from steelyard.excite.trajectories.motion_families import basis_of, per_joint
-from steelyard.model.equations.frame_and_point_kinematics import last_frame
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.term import StatefulTerm
 from steelyard.robot.file.excitation_sections import (
-    CriterionSection,
-    ExcitationSection,
-    LoadSection,
     MotionLimitsSection,
     StanceSection,
 )
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
+from steelyard.robot.file.tables_by_kind import at_place
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import BASE_COORDINATES, Robot
 
@@ -117,18 +108,13 @@ def _while_standing(
     """The constraints of all joints of a robot that stands, whose legs follow its base."""
     legs, section = Legs(loaded.robot), loaded.excitation
     whole, world, n = replace(loaded, robot=legs.tree), world_of(loaded), loaded.robot.n
-    limits, efforts = limits_of(legs.tree, section.limits), section.limits.effort
-    own = np.array([joint.limits.effort for joint in legs.tree.coordinates])
-    given = None if efforts in ("robot", "any") else efforts
-    most = section.limits.share * per_joint(given, legs.tree, "effort", own)
-    most = np.full_like(most, np.inf) if efforts == "any" else most
+    limits = limits_of(legs.tree, section.limits)
+    most, left = greatest_efforts(legs.tree, section.limits)
     bending: list[Constraint] = [
         LegLimits(legs.tree, limits, tuple(range(n, legs.tree.n))),
         feet_forces(legs.tree, stance, loaded.robot.assembly, most[len(BASE_COORDINATES) :]),
     ]
-    notes = [*limits.notes, LEAST_FORCES_NOTE]
-    if efforts == "any":
-        notes.append(Declined("torque is not limited, as specified"))
+    notes = [*limits.notes, LEAST_FORCES_NOTE, *left]
     found = [OnAllJoints(legs, one, RESERVE) for one in bending]
     for part, part_notes in (workspace_of(whole, world), clearance_of(whole, world)):
         found += [OnAllJoints(legs, one) for one in part]
@@ -136,20 +122,28 @@ def _while_standing(
     return tuple(found), tuple(notes)
 
 
+def greatest_efforts(
+    robot: Robot, wanted: MotionLimitsSection
+) -> tuple[Array, tuple[Declined, ...]]:
+    """The share of effort limits that the motion may use, `(n,)`, and what is not limited."""
+    if wanted.effort == "any":
+        return np.full(robot.n, np.inf), (Declined("torque is not limited, as specified"),)
+    own = np.array([joint.limits.effort for joint in robot.coordinates])
+    given = None if wanted.effort == "robot" else wanted.effort
+    return wanted.share * per_joint(given, robot, "effort", own), ()
+
+
 def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> ConstraintsAndNotes:
     """Torque and power of the prior model, without and with every load."""
     section = loaded.excitation
     wanted, robot = section.limits, model.robot
-    own = np.array([joint.limits.effort for joint in robot.coordinates])
-    given = None if wanted.effort in ("robot", "any") else wanted.effort
-    efforts = wanted.share * per_joint(given, robot, "effort", own)
+    efforts, left = greatest_efforts(robot, wanted)
     powers = per_joint(wanted.power, robot, "power", np.full(robot.n, np.inf))
-    requested = given is not None or wanted.power is not None or wanted.total_power is not None
-    limited = wanted.effort != "any" and bool(np.isfinite(efforts).any())
-    notes = list[str]()
-    if wanted.effort == "any":
-        notes.append(Declined("torque is not limited, as specified"))
-    elif not np.isfinite(efforts).all():
+    powered = wanted.power is not None or wanted.total_power is not None
+    requested = wanted.effort not in ("robot", "any") or powered
+    limited = bool(np.isfinite(efforts).any())
+    notes: list[str] = [*left]
+    if not left and not np.isfinite(efforts).all():
         joints = zip(robot.joint_names, efforts, strict=True)
         free = ", ".join(f"'{name}'" for name, most in joints if not np.isfinite(most))
         notes.append(Gap(f"torque is not limited for joints without a known effort limit: {free}"))
@@ -166,9 +160,8 @@ def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> Co
         return [], [Gap(f"torque is not limited: {why}")]
     cases = _load_cases(loaded, without_memory(model), earlier)
     found = [torque_limit(cases, efforts)] if limited else []
-    if wanted.power is not None or wanted.total_power is not None:
-        total = np.inf if wanted.total_power is None else wanted.total_power
-        found.append(power_limit(cases, powers, total))
+    if powered:
+        found.append(power_limit(cases, powers, wanted.total_power or np.inf))
     source = scope = "of the earlier model"
     if earlier is None:
         source = "of the model file, without friction"
@@ -232,7 +225,6 @@ def _load_cases(
     arm = model.at(Parameters(names, units, [known[name] for name in names]))
     cases = {"without load": arm}
     for number, load in enumerate(loaded.excitation.loads, start=1):
-        frame = load.frame or last_frame(model.robot)
         # what it is as a mass; between both torques are linear
         shell = SHELL_INERTIA * load.mass * load.ball**2
         for what, about_com in (
@@ -240,8 +232,8 @@ def _load_cases(
             (f"as a hollow sphere of {1e3 * load.ball:.3g} mm", shell * np.eye(3)),
         ):
             inertia = Inertia.about_com(load.mass, load.com, about_com)
-            with written("loads] frame"):
-                case = with_payload(arm, frame, inertia)
+            with at_place("[excitation.loads] frame"):
+                case = with_payload(arm, load.frame, inertia)
             cases[f"with load {number}, {load.mass:g} kg {what}"] = case
     return cases
 
@@ -280,7 +272,6 @@ def clearance_of(loaded: LoadedRobot, world: tuple[Shape, ...] = ()) -> Constrai
     return [found], [*found.notes, *notes]
 
 
-JUMP_SOFTNESS = 0.01  # width within which jumping laws turn while optimising, over the top speed
 RANGE_MARGIN = 0.02  # share of a joint's range kept free at each end, if no margin is given
 
 Tables = tuple[LoadedRobot, Model, Earlier | None]
@@ -374,130 +365,3 @@ def limits_of(robot: Robot, section: MotionLimitsSection) -> MotionLimits:
         section.share,
         robot_limits.assumed - given,
     )
-
-
-def cases_of(
-    section: ExcitationSection, model: Model, limits: MotionLimits, earlier: Earlier | None
-) -> tuple[Case, ...]:
-    """What the motion shows and how it is judged, once per load.
-
-    What torque shows does not depend on the load, but sizes of parameters do: loads count where
-    the criterion is relative to them.
-    """
-    wanted = section.criterion
-    wrong, where = f"there is no criterion '{wanted.kind}'", "[excitation.criterion] kind"
-    refuse_unknown(wanted.kind, CRITERIA, wrong, where, "criteria", DataError)
-    absent = absent_of(wanted, model, earlier)
-    on_feet = section.stance is not None
-    weights = weights_of(wanted, tree_of(model.robot) if on_feet else model.robot, earlier)
-    kind = InformationEvaluator if not on_feet else InformationOnFeet
-    shows = kind(model, weights, JUMP_SOFTNESS * limits.velocity, absent)
-    chosen = None if wanted.chosen is None else _chosen(wanted.chosen, model, shows.base)
-    prior = None
-    if wanted.after_earlier:
-        prior = _needed(earlier, "after_earlier").information(shows.base, absent)
-    sizes: list[Array | None] = [None]
-    if wanted.relative:
-        known = _needed(earlier, "relative")
-        sizes = [sizes_of(known, model, shows.base, load) for load in (None, *section.loads)]
-    return tuple(Case(shows, measure(CRITERIA[wanted.kind], prior, chosen, s)) for s in sizes)
-
-
-def weights_of(wanted: CriterionSection, robot: Robot, earlier: Earlier | None) -> Array:
-    """Weights of the joints, shape `(n,)`: given, all the same, or one over the noise."""
-    where = "[excitation.criterion] weights"
-    if isinstance(wanted.weights, tuple):
-        if len(wanted.weights) != robot.n or min(wanted.weights) < 0.0 or not any(wanted.weights):
-            raise DataError(
-                f"the weights {list(wanted.weights)} do not fit {robot.n} joints",
-                where=where,
-                fix="give one number per joint, none of them negative, some above zero",
-            )
-        if wanted.after_earlier:
-            raise DataError(
-                "weights of the joints are given, but earlier runs are weighted by their noise",
-                where=where,
-                fix="leave out the weights, or after_earlier",
-            )
-        return frozen(wanted.weights)
-    if wanted.weights == "noise":
-        return _needed(earlier, "weights").weights
-    if wanted.after_earlier:
-        return _needed(earlier, "after_earlier").weights
-    return np.ones(robot.n)
-
-
-def absent_of(wanted: CriterionSection, model: Model, earlier: Earlier | None) -> tuple[str, ...]:
-    """Base parameters that the model does without."""
-    base = clear_map(model)
-    if wanted.without is None:
-        removed = () if earlier is None else earlier.removed
-        return tuple(name for name in base.base_names if name in removed)
-    found = _named(wanted.without, model, base, "without")
-    if found >= set(base.base_names):
-        raise DataError(
-            "the model would do without all of its parameters",
-            where="[excitation.criterion] without",
-            fix="name fewer laws or parameters",
-        )
-    return tuple(name for name in base.base_names if name in found)
-
-
-def sizes_of(earlier: Earlier, model: Model, base: BaseMap, load: LoadSection | None) -> Array:
-    """Sizes of the base parameters with a load, no smaller than twice their uncertainty, `(b,)`."""
-    standard = np.array([earlier.standard.get(name, 0.0) for name in model.names])
-    if load is not None:
-        point = Inertia.about_com(load.mass, load.com, np.zeros((3, 3)))
-        added = payload_numbers(model.robot, load.frame or last_frame(model.robot), point)
-        for name, value in added.items():
-            if name in model.names:
-                standard[model.names.index(name)] += value
-    values = np.abs(base.base_values(standard))
-    std = dict(zip(earlier.names, np.sqrt(np.diag(earlier.covariance)), strict=True))
-    least = np.array([2.0 * std.get(name, 0.0) for name in base.base_names])
-    sizes = np.maximum(values, least)
-    for name, size in zip(base.base_names, sizes, strict=True):
-        if not size > 0.0:
-            raise DataError(
-                f"the earlier model has no value of '{name}'",
-                where="[excitation.criterion] relative",
-                fix="give an earlier model with the same terms, or leave 'relative' out",
-            )
-    return np.asarray(sizes)
-
-
-def _needed(earlier: Earlier | None, key: str) -> Earlier:
-    if earlier is None:
-        raise DataError(
-            f"'{key}' needs an earlier model, and none is given",
-            where=f"[excitation.criterion] {key}",
-            fix="add --earlier MODEL.json, which `steelyard identify` wrote",
-        )
-    return earlier
-
-
-def _named(wanted: Sequence[str], model: Model, base: BaseMap, key: str) -> set[str]:
-    """Names of base parameters that are named, or belong to a law that is."""
-    laws, found = dict[str, set[str]](), set[str]()
-    for term in model.terms:
-        own = (parameter.name for parameter in term.parameters(model.robot))
-        laws.setdefault(term.law, set()).update(own)
-    for name in wanted:
-        wrong = f"'{name}' is neither a law nor a base parameter of the model"
-        known, where = [*laws, *base.base_names], f"[excitation.criterion] {key}"
-        refuse_unknown(name, known, wrong, where, "laws and parameters", DataError)
-        found |= laws.get(name, {name})
-    return found
-
-
-def _chosen(wanted: Sequence[str], model: Model, base: BaseMap) -> tuple[int, ...]:
-    found = _named(wanted, model, base, "chosen")
-    if not found & set(base.base_names):
-        laws = [term.law for term in model.terms]
-        raise DataError(
-            f"none of the chosen parameters is identifiable from torque: {list(wanted)}",
-            where="[excitation.criterion] chosen",
-            fix="choose laws or parameters among "
-            + ", ".join(dict.fromkeys([*laws, *base.base_names])),
-        )
-    return tuple(k for k, name in enumerate(base.base_names) if name in found)

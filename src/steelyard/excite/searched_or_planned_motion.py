@@ -14,11 +14,11 @@ from steelyard.excite.collision.workspace_from_tables import tool_of
 from steelyard.excite.constraints.certificate import Certificate, certify, holds_note
 from steelyard.excite.constraints.constraint_and_limits import Constraint, Gap, MotionLimits
 from steelyard.excite.constraints.tool_workspace import Marker
+from steelyard.excite.criterion_from_tables import cases_of
 from steelyard.excite.design_problem_and_information import Case, Earlier, Problem, composed_motions
 from steelyard.excite.design_problem_from_tables import (
     Tables,
     build,
-    cases_of,
     constraints_of,
     limits_of,
     memoryless,

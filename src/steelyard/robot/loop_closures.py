@@ -42,10 +42,7 @@ class LoopEquations:
 @lru_cache(maxsize=128)
 def chains(robot: Robot, loop: LoopClosure) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Bodies from behind the last one that carries both ends of a loop, down to each end."""
-    lines = [robot.carriers(body) for body in loop.bodies]
-    shared = set(lines[0]) & set(lines[1])
-    first, second = (tuple(k for k in line if k not in shared) for line in lines)
-    return first, second
+    return robot.apart(*loop.bodies)
 
 
 def residual(robot: Robot, q: Array) -> tuple[Array, Array]:

@@ -220,6 +220,13 @@ class Robot:
             body = self.bodies[body].parent
         return line[::-1]
 
+    def apart(self, first: int, second: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Bodies that carry one of two bodies and not the other, itself included, down to each."""
+        mine, theirs = self.carriers(first), self.carriers(second)
+        shared = {*mine} & {*theirs}
+        mine, theirs = ([k for k in line if k not in shared] for line in (mine, theirs))
+        return tuple(mine), tuple(theirs)
+
     @property
     def n(self) -> int:
         """Number of independent joint coordinates."""

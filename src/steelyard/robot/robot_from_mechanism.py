@@ -246,8 +246,6 @@ def reduced(
     active = [n for n in free if n not in passive] if joints is None else joints
     moving = _moving(mechanism, [*active, *passive], locked, base, tips)
     refuse_coupled(mechanism, moving)
-    _check_joints(mechanism, [*locked], "locked")
-    _check_joints(mechanism, [*limits], "given limits")
     assumed = {
         j.name: float(np.clip(0.0, j.limits.lower, j.limits.upper))
         for j in mechanism.movable
@@ -303,9 +301,8 @@ def _refuse_overflow(mechanism: Mechanism, bodies: Sequence[Body], frames: Seque
 def _check_links(mechanism: Mechanism, base: str, tips: Sequence[str]) -> None:
     links = [link.name for link in mechanism.links]
     below = {base, *(j.child for j in mechanism.from_link(base))}
-    for role, name in [("base", base)] + [("tip", t) for t in tips]:
-        wrong = f"the {role} link '{name}' does not exist"
-        refuse_unknown(name, links, wrong, mechanism.where, "links")
+    refuse_unknown(base, links, f"the base link '{base}' does not exist", mechanism.where, "links")
+    for name in tips:
         if name not in below:
             raise ModelError(
                 f"the tip link '{name}' is not beyond the base link '{base}'",
@@ -314,7 +311,7 @@ def _check_links(mechanism: Mechanism, base: str, tips: Sequence[str]) -> None:
             )
 
 
-def _check_joints(mechanism: Mechanism, names: Sequence[str], use: str) -> None:
+def _check_joints(mechanism: Mechanism, names: Sequence[str]) -> None:
     """Each name is a joint that moves on its own."""
     known = {j.name: j for j in mechanism.joints}
     for name in names:
@@ -322,11 +319,11 @@ def _check_joints(mechanism: Mechanism, names: Sequence[str], use: str) -> None:
         if joint is not None and joint.movable and joint.mimic is None:
             continue
         if joint is None:
-            wrong = f"joint '{name}' is to be {use}, but the model has no such joint"
+            wrong = f"joint '{name}' is to be identified, but the model has no such joint"
         elif joint.mimic is not None:
-            wrong = f"joint '{name}' cannot be {use}: it follows joint '{joint.mimic.master}'"
+            wrong = f"joint '{name}' cannot be identified: it follows joint '{joint.mimic.master}'"
         else:
-            wrong = f"joint '{name}' cannot be {use}: it is fixed in the model"
+            wrong = f"joint '{name}' cannot be identified: it is fixed in the model"
         movable, what = [j.name for j in mechanism.movable], "joints that move on their own"
         raise ModelError(
             wrong,
@@ -350,15 +347,13 @@ def _moving(
     free = [j.name for j in inside if j.movable and j.mimic is None]
     if joints is None:
         joints = [name for name in free if name not in locked]
-    _check_joints(mechanism, joints, "identified")
+    _check_joints(mechanism, joints)
     for name in joints:
-        wrong = "also locked" if name in locked else ""
-        wrong = wrong or ("listed twice" if joints.count(name) > 1 else "")
-        if wrong or name not in free:
+        if name not in free:
             raise ModelError(
-                f"joint '{name}' is to be identified but {wrong or 'is not between base and tip'}",
+                f"joint '{name}' is to be identified but is not between base and tip",
                 where=mechanism.where,
-                fix="list every joint once, between base and tip, either as identified or locked",
+                fix="list joints between base and tip only",
             )
     if not joints:
         raise ModelError(

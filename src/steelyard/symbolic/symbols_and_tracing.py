@@ -146,6 +146,12 @@ def carried_along(values: Scalars, variables: Scalars, speeds: Scalars) -> list[
     return [Symbol(tape, found.get(number, zero)) for number in _numbers(tape, values)]
 
 
+def in_time(build: Callable[..., Scalars], *state: Scalars) -> list[Scalar]:
+    """Rates of expressions of all parts of a state but the last, each the next one's integral."""
+    before, after = ([x for part in parts for x in part] for parts in (state[:-1], state[1:]))
+    return carried_along(build(*state[:-1]), before, after)
+
+
 def slopes_of(values: Scalars, variables: Scalars) -> list[Scalar]:
     """Derivatives of expressions by variables, value by value."""
     tape = Tape.current()

@@ -323,7 +323,6 @@ def self_clearance(
     *,
     skip: Collection[str] = (),
     margin: float = CLEARANCE_MARGIN,
-    activation_distance: float | None = None,
     others: Sequence[Shape] = (),
     ignore: Sequence[tuple[str, str]] = (),
     bodies: bool = True,
@@ -334,10 +333,10 @@ def self_clearance(
     `others`: tools, payloads and what stands in the cell. The robot's own pairs that overlap at all
     random postures tried are left out, as they cannot be kept apart; those that are never as far
     apart as their margin [m] are kept from touching. Both are noted. Pairs with the cell must be
-    able to keep the margin; what is fixed to the base has none. From `activation_distance` [m]
-    beyond the margin on a pair does not matter: `CLEARANCE_ROOM`, or `ROOM_REACH_SHARE` of how far
-    the robot reaches, whichever is less, if `None`. Pairs of names to `ignore` may touch; without
-    `bodies` the robot and its tools keep clear of the cell only.
+    able to keep the margin; what is fixed to the base has none. From `CLEARANCE_ROOM` beyond the
+    margin on, or `ROOM_REACH_SHARE` of the robot's reach, whichever is less, a pair does not
+    matter. Pairs of names to `ignore` may touch; without `bodies` the robot and its tools keep
+    clear of the cell only.
 
     Raises:
         ModelError: No pair is left, a name in `ignore` does not exist, two things have one, or the
@@ -359,9 +358,7 @@ def self_clearance(
     shapes = (*geometry.shapes, *others)
     pairs, notes, left = candidate_pairs(robot, geometry, shapes, ignore, bodies)
     _check_pairs(robot, pairs)
-    if activation_distance is None:
-        activation_distance = min(CLEARANCE_ROOM, ROOM_REACH_SHARE * reach(robot))
-    far = np.full(len(pairs), activation_distance)
+    far = np.full(len(pairs), min(CLEARANCE_ROOM, ROOM_REACH_SHARE * reach(robot)))
     whole = Clearance(robot, shapes, pairs, np.full(len(pairs), margin), far)
     farthest = whole.distances(random_postures(robot)).max(axis=0)
     kept, wanted, more = separable(shapes, pairs, farthest, margin)

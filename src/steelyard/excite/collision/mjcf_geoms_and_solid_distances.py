@@ -24,7 +24,8 @@ from steelyard.excite.collision.solids_and_shapes import (
     obstacle,
     placed,
 )
-from steelyard.robot.models.mjcf import Compiled, compiled
+from steelyard.robot.models.mjcf import Compiled, compiled, rotation_of
+from steelyard.robot.models.mjcf_equalities_and_forces import joints_of, name_of
 from steelyard.robot.robot import Frame
 
 FARTHEST_DISTANCE = 1e6  # no two solids are farther apart [m]
@@ -113,18 +114,18 @@ def mjcf_shapes(
     """Shapes of an MJCF robot, pairs of links that it excludes, and other links with shapes."""
     file = compiled(path)
     model, shapes = file.model, list[Shape]()
-    names = {geom: _link(model, int(model.geom_bodyid[geom])) for geom in _colliding(model)}
+    names = {
+        geom: name_of(model, "body", int(model.geom_bodyid[geom])) for geom in _colliding(model)
+    }
     for geom, name in names.items():
         if name in skip or name not in frames:
             continue
         # a link's origin is the anchor of its body's last joint
-        body = int(model.geom_bodyid[geom])
-        last = int(model.body_jntadr[body]) + int(model.body_jntnum[body]) - 1
-        anchor = model.jnt_pos[last] if model.body_jntnum[body] else np.zeros(3)
-        rotation, position = np.zeros(9), model.geom_pos[geom] - anchor
-        mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
-        solid = _solid(file, geom, name, path)
-        shapes.append(placed(frames[name], name, solid, position, rotation.reshape(3, 3)))
+        joints = joints_of(model, int(model.geom_bodyid[geom]))
+        anchor = model.jnt_pos[joints[-1]] if joints else np.zeros(3)
+        solid, position = _solid(file, geom, name, path), model.geom_pos[geom] - anchor
+        rotation = rotation_of(model.geom_quat[geom])
+        shapes.append(placed(frames[name], name, solid, position, rotation))
     return tuple(shapes), _excluded(model), frozenset(names.values()) - frames.keys()
 
 
@@ -135,14 +136,10 @@ def mjcf_world(path: Path) -> tuple[Shape, ...]:
     mujoco.mj_kinematics(model, data)
     shapes = []
     for geom in _colliding(model):
-        name = _link(model, int(model.geom_bodyid[geom]))
+        name = name_of(model, "body", int(model.geom_bodyid[geom]))
         solid, rotation = _solid(file, geom, name, path), data.geom_xmat[geom].reshape(3, 3)
         shapes.append(obstacle(name, solid, data.geom_xpos[geom], rotation))
     return tuple(shapes)
-
-
-def _link(model: Any, body: int) -> str:
-    return str(model.body(body).name) or f"body_{body}"
 
 
 def _colliding(model: Any) -> list[int]:
@@ -155,9 +152,12 @@ def _excluded(model: Any) -> frozenset[frozenset[str]]:
     pairs = set()
     for signature in model.exclude_signature:
         bodies = (int(signature) >> 16, int(signature) & 0xFFFF)
-        pairs.add(frozenset(_link(model, body) for body in bodies))
+        pairs.add(frozenset(name_of(model, "body", body) for body in bodies))
     masks = by_key(
-        (_link(model, model.geom_bodyid[k]), (model.geom_contype[k], model.geom_conaffinity[k]))
+        (
+            name_of(model, "body", model.geom_bodyid[k]),
+            (model.geom_contype[k], model.geom_conaffinity[k]),
+        )
         for k in _colliding(model)
     )
     for first, mine in masks.items():

@@ -10,7 +10,7 @@ from steelyard.base.arrays import Array, by_key
 from steelyard.base.errors import ModelError, refuse_unknown
 from steelyard.excite.collision.solids_and_shapes import Geometry, Hull, Shape
 from steelyard.report.words import count
-from steelyard.robot.models.xml_and_urdf import Element, read_xml
+from steelyard.robot.models.xml_and_urdf import Element, read_root, read_xml
 from steelyard.robot.robot import Robot
 
 
@@ -161,14 +161,8 @@ def disabled_pairs(path: Path) -> frozenset[frozenset[str]]:
 
 
 def _srdf(path: Path) -> Element:
-    root = read_xml(path)
-    if root.tag != "robot":
-        raise ModelError(
-            f"the file is not an SRDF: its outermost element is <{root.tag}>",
-            where=root.where,
-            fix="give an SRDF (<robot> with <disable_collisions> elements)",
-        )
-    return root
+    fix = "give an SRDF (<robot> with <disable_collisions> elements)"
+    return read_root(path, "robot", "an SRDF", fix)
 
 
 SEPARABLE_POSTURES = 200  # random postures that decide which pairs can be kept apart at all

@@ -1,6 +1,5 @@
 """Collision shapes of robots and cells, as URDF, MJCF, and their STL and OBJ meshes give them."""
 
-import struct
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -232,7 +231,8 @@ def _hull(path: Path, changed: int, scale: tuple[float, float, float], where: st
     return Hull(mesh_points(path, where) * scale)
 
 
-_STL_HEAD_BYTES, _STL_FACET_BYTES = 84, 50
+_STL_HEAD_BYTES = 84
+_STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 def find_mesh(name: str, model: Path) -> Path | None:
@@ -281,14 +281,10 @@ def mesh_points(path: Path, where: str) -> Array:
 
 
 def _stl(data: bytes) -> Array:
-    if len(data) >= _STL_HEAD_BYTES:
-        count = struct.unpack("<I", data[_STL_HEAD_BYTES - 4 : _STL_HEAD_BYTES])[0]
-        if len(data) == _STL_HEAD_BYTES + _STL_FACET_BYTES * count:
-            facets = np.frombuffer(data[_STL_HEAD_BYTES:], dtype=np.uint8).reshape(
-                count, _STL_FACET_BYTES
-            )
-            corners = np.ascontiguousarray(facets[:, 12:48]).view("<f4")
-            return corners.reshape(-1, 3).astype(np.float64)
+    count = int.from_bytes(data[_STL_HEAD_BYTES - 4 : _STL_HEAD_BYTES], "little")
+    if len(data) == _STL_HEAD_BYTES + _STL_FACET.itemsize * count:
+        facets = np.frombuffer(data, _STL_FACET, offset=_STL_HEAD_BYTES)
+        return facets["corners"].reshape(-1, 3).astype(np.float64)
     if not data.lstrip().startswith(b"solid"):
         raise ValueError("its length does not fit its number of facets")
     return _numbers_of_obj(data, b"vertex")

@@ -22,7 +22,7 @@ from steelyard.excite.collision.solids_and_shapes import (
 )
 from steelyard.excite.constraints.constraint_and_limits import Declined, Gap
 from steelyard.excite.constraints.tool_workspace import Marker
-from steelyard.model.equations.frame_and_point_kinematics import frame_of, last_frame
+from steelyard.model.equations.frame_and_point_kinematics import frame_of
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot, read_mechanism
 from steelyard.robot.inertia_and_placement import Inertia
 from steelyard.robot.robot import Frame, Robot
@@ -138,8 +138,8 @@ def whole_robot(loaded: LoadedRobot, tool: Marker, skip: Collection[str]) -> Who
     wanted = [name for name in tree[0] if name not in skip]
     ends: dict[str, list[Array]] = {tool.frame: [tool.on(robot).position]}
     for load in loaded.excitation.loads:
-        name = load.frame or last_frame(robot)
-        ends.setdefault(name, []).append(Marker(name, load.com).on(robot).position)
+        at = Marker(frame_of(robot, load.frame).name, load.com)
+        ends.setdefault(at.frame, []).append(at.on(robot).position)
     given, drawn = list[Shape](), list[Shape]()
     if model.suffix.lower() != ".toml":
         given += readable_shapes(robot, model, wanted)
@@ -183,7 +183,7 @@ def load_balls(loaded: LoadedRobot) -> tuple[Shape, ...]:
     robot, loads = loaded.robot, loaded.excitation.loads
     return tuple(
         placed(
-            frame_of(robot, load.frame or last_frame(robot)),
+            frame_of(robot, load.frame),
             f"load {number} (ball of radius {1e3 * load.ball:.3g} mm)",
             Ball(load.ball),
             load.com,

@@ -279,8 +279,6 @@ def placed(
 ) -> Shape:
     """A solid that is placed in a frame, as a shape on the frame's body."""
     turned = np.eye(3) if rotation is None else frozen(rotation, (3, 3))
-    if not np.allclose(turned @ turned.T, np.eye(3), atol=1e-6):
-        raise ValueError(f"the rotation of '{name}' is not a rotation")
     at = frame.position + frame.rotation @ frozen(position, (3,))
     return Shape(name, frame.body, frame.rotation @ turned, at, solid, origin)
 
@@ -342,10 +340,8 @@ def sides(robot: Robot, first: int, second: int) -> NDArray[np.int8]:
     That is -1 for a joint that moves only the first, 1 for only the second, 0 for both or none.
     """
     signs = np.zeros(len(robot.bodies), dtype=np.int8)
-    for body, sign in ((first, -1), (second, 1)):
-        while body >= 0:
-            signs[body] += sign
-            body = robot.bodies[body].parent
+    for chain, sign in zip(robot.apart(first, second), (-1, 1), strict=True):
+        signs[list(chain)] = sign
     return signs
 
 
@@ -354,9 +350,7 @@ def rates(robot: Robot, first: Shape, second: Shape, lower: Array, upper: Array)
 
     It holds for positions from `lower` to `upper`, shape `(n,)` each [rad; m].
     """
-    ways = sides(robot, first.body, second.body)
-    up = _to_base(robot, first.body, ways)
-    down = _to_base(robot, second.body, ways)
+    up, down = (chain[::-1] for chain in robot.apart(first.body, second.body))
     mine = _reaches(robot, first, up, down[::-1], lower, upper)
     theirs = _reaches(robot, second, down, up[::-1], lower, upper)
     bound = np.zeros(robot.n)
@@ -375,16 +369,6 @@ def point_rates(robot: Robot, points: Points, lower: Array, upper: Array) -> Arr
         for body, place in zip(points.carriers, points.places, strict=True)
     ]
     return np.array([rates(robot, base, shape, lower, upper) for shape in own])
-
-
-def _to_base(robot: Robot, body: int, ways: NDArray[np.int8]) -> list[int]:
-    """Joints from a body to where the two bodies' ways meet, as numbers of bodies."""
-    found = []
-    while body >= 0:
-        if ways[body]:
-            found.append(body)
-        body = robot.bodies[body].parent
-    return found
 
 
 def _reaches(

@@ -1,7 +1,6 @@
 """The tool box, floor, planes, boxes and models of the cell, from `[excitation.workspace]`."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -20,9 +19,10 @@ from steelyard.excite.constraints.tool_workspace import (
     planes,
     tool_box,
 )
-from steelyard.model.equations.frame_and_point_kinematics import frame_of, last_frame
-from steelyard.robot.file.excitation_sections import BoxSpans, WorkspaceSection
+from steelyard.model.equations.frame_and_point_kinematics import frame_of
+from steelyard.robot.file.excitation_sections import WorkspaceSection
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot, beside
+from steelyard.robot.file.tables_by_kind import at_place
 from steelyard.robot.robot import Robot
 
 WALL_RESERVE = 5e-5  # kept beyond every wall [m], for controllers that interpolate between points
@@ -132,8 +132,8 @@ def world_of(loaded: LoadedRobot) -> tuple[Shape, ...]:
 def tool_of(section: WorkspaceSection | None, robot: Robot) -> Marker:
     """The tool: the named frame, or the last one of the robot."""
     section = WorkspaceSection() if section is None else section
-    with written("workspace] frame"):
-        frame = frame_of(robot, section.frame or last_frame(robot))
+    with at_place("[excitation.workspace] frame"):
+        frame = frame_of(robot, section.frame)
     return Marker(frame.name, section.point, section.radius)
 
 
@@ -146,21 +146,21 @@ def workspace_of(loaded: LoadedRobot, world: tuple[Shape, ...]) -> ConstraintsAn
     section = loaded.excitation.workspace or WorkspaceSection()
     found, tool = list[Constraint](), tool_of(section, loaded.robot)
     if section.box.bounded:
-        sides = zip(*(span or (None, None) for span in _spans(section.box)), strict=True)
-        with written("workspace] box"):
+        sides = zip(*(span or (None, None) for span in section.box.spans), strict=True)
+        with at_place("[excitation.workspace] box"):
             found.append(tool_box(loaded.robot, tool, *sides))
     if section.only_tool and section.planes:
         normals, levels = zip(*((x.normal, x.above) for x in section.planes), strict=True)
-        with written("workspace] planes"):
+        with at_place("[excitation.workspace] planes"):
             found.append(planes(loaded.robot, tool, normals, levels))
     if section.only_tool and section.keep_out:
         low, high = _boxes(section)
-        with written("workspace] keep_out"):
+        with at_place("[excitation.workspace] keep_out"):
             found.append(keep_out(loaded.robot, tool, low, high))
     if not (section.limits_links or (world and (loaded.excitation.loads or section.radius > 0.0))):
         idle = section.radius > 0.0 and not found
         return found, ["the tool's radius has no effect: it has no box, plane or keep_out"] * idle
-    with written("workspace]"):
+    with at_place("[excitation.workspace]"):
         whole = whole_robot(loaded, tool, section.without)
     built, notes = clearance_of_walls(loaded, whole, walls_of(section, loaded.robot), world)
     if section.floor is not None and not loaded.robot.gravity.any():
@@ -179,11 +179,11 @@ def walls_of(section: WorkspaceSection, robot: Robot) -> tuple[Shape, ...]:
         found.append(wall("floor", up_of(robot), section.floor))
     if section.only_tool:
         return tuple(found)
-    with written("workspace] planes"):
+    with at_place("[excitation.workspace] planes"):
         for number, plane in enumerate(section.planes, start=1):
             found.append(wall(f"plane {number}", plane.normal, plane.above))
     if section.keep_out:
-        with written("workspace] keep_out"):
+        with at_place("[excitation.workspace] keep_out"):
             corners = checked_boxes(*_boxes(section), "forbidden boxes")
         for number, (low, high) in enumerate(zip(*corners, strict=True), start=1):
             x, y, z = (float(size) for size in high - low)
@@ -199,7 +199,7 @@ def up_of(robot: Robot) -> Array:
 
 def _boxes(section: WorkspaceSection) -> tuple[Array, Array]:
     """Lower and upper corners, shape `(b, 3)` each [m]."""
-    boxes = [_spans(box) for box in section.keep_out]
+    boxes = [box.spans for box in section.keep_out]
     if any(None in spans for spans in boxes):
         raise ModelError(
             "a forbidden box is open",
@@ -208,17 +208,3 @@ def _boxes(section: WorkspaceSection) -> tuple[Array, Array]:
         )
     low, high = np.array(boxes).transpose(2, 0, 1)
     return low, high
-
-
-@contextmanager
-def written(key: str) -> Iterator[None]:
-    """Errors inside say which key of the tables they are about."""
-    try:
-        yield
-    except ModelError as error:
-        where = f"[excitation.{key}"
-        raise ModelError(error.wrong, where=where, fix=error.fix) from None
-
-
-def _spans(box: BoxSpans) -> list[tuple[float, float] | None]:
-    return [box.x, box.y, box.z]

@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.base.arrays import Array, Parameters, frozen, set_fields
-from steelyard.base.errors import ModelError
 from steelyard.excite.constraints.constraint_and_limits import Constraint, Margins
 from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory, divided
 from steelyard.model.equations.effort_range_over_friction_signs import EffortBounds, effort_bounds
@@ -74,6 +73,13 @@ class Stretches:
         """Bounds of a program over the whole stretches; see `middles`."""
         count = len(program.inputs) - len(shared)
         return enclosed(program, [*self.lower[:count], *shared], [*self.upper[:count], *shared])
+
+    def around(self, values: Program, rates: Program, *shared: Array) -> tuple[Array, Array, Array]:
+        """Bounds of a program at the middles, and how far it comes from there by its rates."""
+        low, high = self.middles(values, *shared)
+        slowest, fastest = self.throughout(rates, *shared)
+        away = np.maximum(np.abs(slowest), np.abs(fastest)) * self.half
+        return low, high, away * (1.0 + 1e-9)
 
 
 Bound = Callable[[Stretches], tuple[Array, Array]]
@@ -263,48 +269,40 @@ class EffortLimit(Constraint):
         return values, lower
 
     def _case_bound(self, stretches: Stretches, case: Array) -> tuple[Array, Array]:
-        low, high = stretches.middles(self.bounds.values, case)
-        slowest, fastest = stretches.throughout(self.bounds.rates, case)
+        low, high, away = stretches.around(self.bounds.values, self.bounds.rates, case)
         upper, lower = list(self.which), [len(low) // 2 + k for k in self.which]
         limits = self.limits[:, None] * (1.0 - 1e-12)
         values = np.concatenate([limits - high[upper], limits + low[lower]])
-        away = np.maximum(np.abs(slowest), np.abs(fastest))[upper + lower] * stretches.half
-        return values, values - away * (1.0 + 1e-9)
+        return values, values - away[upper + lower]
 
 
-def torque_limit(cases: Mapping[str, ValuedModel], limits: ArrayLike | None = None) -> EffortLimit:
-    """Joint efforts within limits, `(n,)` [Nm; N], infinite for any; the robot's if `None`.
+def torque_limit(cases: Mapping[str, ValuedModel], limits: ArrayLike) -> EffortLimit:
+    """Joint efforts within limits above zero, `(n,)` [Nm; N], infinite for any.
 
     Cases are the same model with values, such as without and with a payload, by name. It is one of
     a tree, of terms without internal states.
-
-    Raises:
-        ModelError: No joint has a limit.
     """
     robot = next(iter(cases.values())).model.robot
-    own = [joint.limits.effort for joint in robot.coordinates]
     titles = [
         f"{'torque' if unit == 'Nm' else 'force'} of '{joint}'"
         for joint, unit in zip(robot.joint_names, robot.effort_units, strict=True)
     ]
-    given = own if limits is None else limits
-    return _limit(cases, given, titles, robot.effort_units, power=False)
+    return _limit(cases, limits, titles, robot.effort_units, power=False)
 
 
 def power_limit(
-    cases: Mapping[str, ValuedModel], limits: ArrayLike | None = None, total: float = np.inf
+    cases: Mapping[str, ValuedModel], limits: Array, total: float = np.inf
 ) -> EffortLimit:
     """Mechanical powers within limits, `(n,)` and in total [W], whether joints drive or brake.
 
-    Infinite for any, `None` for any of all joints. Cases and errors are those of `torque_limit`.
+    Above zero, infinite for any. Cases are those of `torque_limit`.
     """
     robot = next(iter(cases.values())).model.robot
-    own = np.full(robot.n, np.inf) if limits is None else frozen(limits, (None,))
     titles = [*(f"power of '{joint}'" for joint in robot.joint_names), "power of all joints"]
-    return _limit(cases, [*own, total], titles, ["W"] * len(titles), power=True)
+    return _limit(cases, [*limits, total], titles, ["W"] * len(titles), power=True)
 
 
-def payload_numbers(robot: Robot, frame: str, payload: Inertia) -> dict[str, float]:
+def payload_numbers(robot: Robot, frame: str | None, payload: Inertia) -> dict[str, float]:
     """What a payload in a frame adds to standard parameters, by name; nothing on the base."""
     place = frame_of(robot, frame)
     if place.body < 0:
@@ -313,7 +311,7 @@ def payload_numbers(robot: Robot, frame: str, payload: Inertia) -> dict[str, flo
     return {f"{name}.{body}": float(x) for name, x in zip(INERTIAL_NAMES, ten, strict=True)}
 
 
-def with_payload(arm: ValuedModel, frame: str, payload: Inertia) -> ValuedModel:
+def with_payload(arm: ValuedModel, frame: str | None, payload: Inertia) -> ValuedModel:
     """A model of rigid bodies with a payload, given in one of its frames, which must move."""
     refuse_fixed(arm.model.robot, frame_of(arm.model.robot, frame))
     added = payload_numbers(arm.model.robot, frame, payload)
@@ -329,16 +327,7 @@ def _limit(
     units: Sequence[str],
     power: bool,
 ) -> EffortLimit:
-    every, what = frozen(limits, (len(titles),)), "power" if power else "effort"
-    name = "power" if power else "torque"
-    if not np.all(every > 0.0) or not np.isfinite(every).any():
-        raise ModelError(
-            f"no joint has a limit of {what}"
-            if np.all(every > 0.0)
-            else f"a limit of {what} is not above zero: {', '.join(f'{x:g}' for x in every)}",
-            where=name,
-            fix=f"give a limit of {what} above zero for at least one joint",
-        )
+    every, name = frozen(limits, (len(titles),)), "power" if power else "torque"
     which = tuple(int(k) for k in np.flatnonzero(np.isfinite(every)))
     chosen = every[list(which)]
     endings = [f", {case}" if len(cases) > 1 else "" for case in cases]

@@ -104,11 +104,14 @@ class MotionLimits:
             raise ValueError("a lower position limit is not below its upper one")
 
     @property
+    def greatest(self) -> list[Array]:
+        """Greatest speed, acceleration and, where limited, jerk."""
+        return [self.velocity, self.acceleration] + ([] if self.jerk is None else [self.jerk])
+
+    @property
     def bounds(self) -> list[tuple[Array, Array]]:
         """Lower and upper bound of position, speed, acceleration and, where limited, jerk."""
-        symmetric = [self.velocity, self.acceleration]
-        symmetric += [] if self.jerk is None else [self.jerk]
-        return [(self.lower, self.upper), *((-most, most) for most in symmetric)]
+        return [(self.lower, self.upper), *((-most, most) for most in self.greatest)]
 
 
 def motion_limits(robot: Robot) -> MotionLimits:

@@ -49,8 +49,6 @@ class Marker:
 
     def __init__(self, frame: str, offset: ArrayLike = (0.0, 0.0, 0.0), radius: float = 0.0):
         set_fields(self, frame=frame, offset=frozen(offset, (3,)), radius=float(radius))
-        if not 0.0 <= self.radius < np.inf:
-            raise ValueError(f"a sphere of radius {radius} m")
 
     def on(self, robot: Robot) -> Frame:
         """Its centre, as a frame on the body that carries it."""
@@ -185,12 +183,6 @@ def tool_box(
             sides.append((normal, low, f"{axis} of {marker.title} above {low:g} m"))
         if high is not None:
             sides.append((-normal, -high, f"{axis} of {marker.title} below {high:g} m"))
-    if not sides:
-        raise ModelError(
-            "the box is open on all sides",
-            where=name,
-            fix="give at least one bound, or leave the box out",
-        )
     normals, levels, labels = zip(*sides, strict=True)
     points = points_of(robot, marker)
     return HalfSpaces(name, labels, points, np.array(normals), np.array(levels) + marker.radius)
@@ -262,11 +254,9 @@ def checked_boxes(lower: ArrayLike, upper: ArrayLike, name: str) -> tuple[Array,
     """Corners of boxes, shape `(b, 3)` each [m]."""
     low = frozen(lower, (None, 3))
     high = frozen(upper, low.shape)
-    if not len(low) or not np.all(low < high):
+    if not np.all(low < high):
         raise ModelError(
-            f"box {int(np.argmin((low < high).all(axis=1))) + 1} is empty"
-            if len(low)
-            else "there are no boxes",
+            f"box {int(np.argmin((low < high).all(axis=1))) + 1} is empty",
             where=name,
             fix="give every box a lower corner below its upper one in x, y and z",
         )

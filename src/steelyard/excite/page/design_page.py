@@ -225,7 +225,7 @@ class DesignAdviceSection(
             return None
         columns: dict[str, Callable[[Advice], str]] = {
             "Additional motion": lambda one: one.what,
-            "Length": lambda one: f"{one.seconds:.3g} s",
+            "Length": lambda one: words.seconds_text(one.seconds),
             "Parameters improved": lambda one: f"{len(one.helps)} of {len(designed.shown.names)}",
             "Predicted std": partial(words.brings, designed),
             "This motion, extended by the same time": partial(words.instead, designed),
@@ -313,9 +313,9 @@ class DesignSearchSection(
         last = designed.course[-1]
         return {
             "searches": words.searches(designed),
-            "seconds": f"{designed.seconds:.3g} s",
+            "seconds": words.seconds_text(designed.seconds),
             "improved": count(len(designed.course), "time"),
-            "last": f"{last[0]:.3g} s",
+            "last": words.seconds_text(last[0]),
             "best": significant(last[1]),
             "final": words.figure_of(designed),
             "stopped": designed.stopped,

@@ -265,12 +265,17 @@ def design_detail(designed: Designed) -> str:
     words = f"{designed.trajectory.duration:.4g} s, {kind}; {designed.criterion} "
     words += f"{figure_of(designed)} (smaller is better)"
     if unended(designed):
-        words += f", from an unfinished search of {designed.seconds:.3g} s"
+        words += f", from an unfinished search of {seconds_text(designed.seconds)}"
     elif designed.course:
-        words += f", best of {searches(designed)} in {designed.seconds:.3g} s"
+        words += f", best of {searches(designed)} in {seconds_text(designed.seconds)}"
     if designed.stopped:
         words += ", stopped early"
     return words
+
+
+def seconds_text(seconds: float) -> str:
+    """A time to three figures, like `2.5 s`; a long one to the second, like `3600 s`."""
+    return f"{seconds:.3g} s" if seconds < 999.5 else f"{seconds:.0f} s"
 
 
 def searches(designed: Designed) -> str:
@@ -368,7 +373,7 @@ def print_design(designed: Designed, console: Console, verbose: bool = False) ->
     console.print()
     advice = helpful(designed.advice)[:MOST_ADVICE_LINES]
     for more in advice if verbose else advice[:1]:
-        what = f"{capitalised(more.what)} ({more.seconds:.3g} s) reduces the std of "
+        what = f"{capitalised(more.what)} ({seconds_text(more.seconds)}) reduces the std of "
         console.print(Text(what + brings(designed, more, 1)))
     if verbose:
         scope = scopes(designed)

@@ -62,12 +62,11 @@ def faces_of(workspace: WorkspaceSection | None, robot: Robot, seen: Array) -> t
 
 def _of_box(box: BoxSpans, seen: Array, name: str, *, forbidden: bool) -> Iterator[Face]:
     low, high = box_corners(box, seen)
-    spans = [getattr(box, axis) for axis in SPACE_AXES]
-    for axis, span in enumerate(spans):
+    for axis, span in enumerate(box.spans):
         u, v = (k for k in range(3) if k != axis)
         size = np.zeros((2, 3))
         size[0, u], size[1, v] = high[u] - low[u], high[v] - low[v]
-        closed = (spans[u] is not None, spans[v] is not None)
+        closed = (box.spans[u] is not None, box.spans[v] is not None)
         for level in span or ():
             corner = low.copy()
             corner[axis] = level
@@ -89,8 +88,7 @@ def box_corners(box: BoxSpans, seen: Array) -> tuple[Array, Array]:
     """Least and greatest corner, each `(3,)` [m]; an open side goes beyond what is drawn."""
     low = np.nanmin(seen, axis=0) - OPEN_WALL_LENGTH
     high = np.nanmax(seen, axis=0) + OPEN_WALL_LENGTH
-    for k, axis in enumerate(SPACE_AXES):
-        span = getattr(box, axis)
+    for k, span in enumerate(box.spans):
         if span is not None:
             low[k], high[k] = span
     return low, high

@@ -30,10 +30,11 @@ from steelyard.excite.planned.tool_paths_lines_and_reach import (
 )
 from steelyard.excite.trajectories.exact_trajectories import (
     ORDERS,
-    SMOOTH,
     ExactTrajectory,
     PiecewiseMotion,
     from_scipy,
+    stretch_within,
+    through_postures,
 )
 from steelyard.model.equations.frame_and_point_kinematics import (
     FrameKinematics,
@@ -173,13 +174,8 @@ def shortest_time(
 ) -> tuple[float, str]:
     """The shortest time of a curve that goes somewhere [s], and the limit that it meets."""
     names = way.kinematics.robot.joint_names
-    times: list[tuple[float, str]] = []
-    for order, (_, bound) in enumerate(limits.bounds[1:], start=1):
-        low, high = curve.extremes(order)
-        needed = (np.maximum(-low, high) / bound) ** (1.0 / order)
-        j = int(np.argmax(needed))
-        times.append((float(needed[j]), f"{ORDERS[order]} of '{names[j]}'"))
-    duration = max(times)[0]
+    duration, order, j = stretch_within(curve, limits.greatest)
+    times = [(duration, f"{ORDERS[order]} of '{names[j]}'")]
     speed, bend = way.seen(curve, _samples(curve))
     tool_times = (speed / guidance.speed, np.sqrt(bend / guidance.acceleration))
     if max(tool_times) * (1.0 + _TIME_TOLERANCE) > duration:
@@ -350,9 +346,7 @@ class TourPlanner:
                 if not found.reached[0]:
                     raise unfollowable_error("no posture was found for its end", where, 0.0)
                 q = self._solver.drawn(ends[1], found.q[0], rest)
-            coefficients = np.outer(SMOOTH, q - start)
-            coefficients[0] = start
-            curve = PiecewiseMotion(np.array([0.0, 1.0]), coefficients[None])
+            curve = through_postures([start, q], 1.0)
         else:
             joints = self._robot.joint_names
             followed = follow(self._solver, ends, start, rest, joints, to=to, where=where)

@@ -23,7 +23,11 @@ from steelyard.excite.planned.inverse_kinematics import (
     weights_of,
 )
 from steelyard.excite.planned.tool_paths_lines_and_reach import ToolPath, UnfollowableWay
-from steelyard.excite.trajectories.exact_trajectories import PiecewiseMotion, quintic
+from steelyard.excite.trajectories.exact_trajectories import (
+    PiecewiseMotion,
+    quintic,
+    stretch_within,
+)
 from steelyard.model.equations.frame_and_point_kinematics import (
     FrameKinematics,
     frame_of,
@@ -94,7 +98,7 @@ def along_path(
     refuse_fixed(robot, chosen)
     posture = None if start is None else frozen(start, (robot.n,))
     if posture is not None:
-        _refuse_start(robot, limits, posture)
+        refuse_outside(robot, limits, posture)
     walk = _Walk(robot, chosen, limits, path, attitude or Attitude())
     made: list[PathMotion] = []
     failed: list[UnfollowableWay] = []
@@ -116,10 +120,9 @@ def _poses(motion: FrameKinematics) -> Kinematics:
     Postures in which a loop stays open have no pose: their numbers are not finite.
     """
     robot, follower = motion.robot, Follower(motion.robot)
-    assembly = loop_equations(robot).assembly
 
     def at(q: Array) -> tuple[Array, ...]:
-        follower.restart((assembly[: robot.n], assembly[robot.n :]))
+        follower.restart()
         if not follower.step(q):
             return np.full(3, np.nan), np.full((3, 3), np.nan), np.zeros((6, robot.n))
         return motion.moving(q, follower.closed[1], np.zeros(robot.n))[:3]
@@ -181,8 +184,7 @@ class _Walk:
 
     def run(self, first: Array) -> PathMotion:
         if self.robot.passive:
-            assembly = loop_equations(self.robot).assembly
-            self.loops.restart((assembly[: self.robot.n], assembly[self.robot.n :]))
+            self.loops.restart()
         free = self._free(first)
         knots, pieces = list[_Knot](), list[Array]()
         for knot in self._knots(first, free):
@@ -292,16 +294,8 @@ class _Walk:
         return np.asarray(np.concatenate([rates[:3], turned]) * weights_of(self.attitude)[:, None])
 
     def _excess(self, curve: PiecewiseMotion) -> tuple[float, str]:
-        found = []
-        for order, name, bound in (
-            (1, "speed", self.limits.velocity),
-            (2, "acceleration", self.limits.acceleration),
-        ):
-            low, high = curve.extremes(order)
-            factors = (np.maximum(-low, high) / bound) ** (1.0 / order)
-            j = int(np.argmax(factors))
-            found.append((float(factors[j]), f"{name} of '{self.robot.joint_names[j]}'"))
-        return max(found)
+        factor, order, j = stretch_within(curve, self.limits.greatest[:2])
+        return factor, f"{('speed', 'acceleration')[order - 1]} of '{self.robot.joint_names[j]}'"
 
     def _check_range(self, q: Array, t: float) -> None:
         past = np.maximum(self.limits.lower - q, q - self.limits.upper)
@@ -327,7 +321,8 @@ class _Walk:
         return error
 
 
-def _refuse_start(robot: Robot, limits: MotionLimits, posture: Array) -> None:
+def refuse_outside(robot: Robot, limits: MotionLimits, posture: Array) -> None:
+    """Refuse a start posture `(n,)` outside the position ranges."""
     past = np.maximum(limits.lower - posture, posture - limits.upper)
     j = int(np.argmax(past))
     if past[j] > 0.0:

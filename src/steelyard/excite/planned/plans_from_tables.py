@@ -13,15 +13,14 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.excite.collision.workspace_from_tables import tool_of, up_of
 from steelyard.excite.constraints.constraint_and_limits import MotionLimits
 from steelyard.excite.planned.fastest_moves_and_tours import ToolGuidance, Tour, TourPlanner
 from steelyard.excite.planned.inverse_kinematics import Attitude
-from steelyard.excite.planned.joints_along_path import along_path
+from steelyard.excite.planned.joints_along_path import along_path, refuse_outside
 from steelyard.excite.planned.tool_paths_lines_and_reach import (
     Circle,
     Reaches,
@@ -55,7 +54,7 @@ _ROOM = 1.0 - 1e-9  # keeps the largest values below the limits, not on them, wh
 
 def friction_sweeps(
     limits: MotionLimits,
-    posture: ArrayLike | None = None,
+    posture: Array | None = None,
     *,
     speeds: int = 6,
     slowest: float = 0.05,
@@ -73,7 +72,7 @@ def friction_sweeps(
     `None`.
     """
     lower, upper = _allowed(limits, _ROOM * fraction)
-    posture = _inside(limits, fraction, posture)
+    posture = 0.5 * (lower + upper) if posture is None else posture
     shares = np.geomspace(slowest, 1.0, speeds) if speeds > 1 else np.ones(1)
     rows: list[tuple[float, int, Array]] = []
     for joint, place in enumerate(posture):
@@ -161,24 +160,6 @@ def _allowed(limits: MotionLimits, fraction: float) -> tuple[Array, Array]:
     return middle - fraction * half, middle + fraction * half
 
 
-def _inside(limits: MotionLimits, fraction: float, posture: ArrayLike | None) -> Array:
-    """The posture, or the middle of the ranges."""
-    lower, upper = _allowed(limits, fraction)
-    if posture is None:
-        return 0.5 * (lower + upper)
-    posture = frozen(posture, lower.shape)
-    excess = np.maximum(lower - posture, posture - upper)
-    joint = int(np.argmax(excess))
-    if excess[joint] > 0.0:
-        raise DataError(
-            f"joint {joint + 1} is at {posture[joint]:.4g}, {excess[joint]:.2g} outside its "
-            f"allowed range {lower[joint]:.4g} .. {upper[joint]:.4g}",
-            where="posture",
-            fix=f"move it inside, or allow more than {fraction:g} of the range",
-        )
-    return posture
-
-
 WHERE = "[excitation.motion]"
 
 Planned = tuple[ExactTrajectory, tuple[str, ...]]  # a motion, and notes on it
@@ -211,14 +192,13 @@ def pick_and_place(s: PickAndPlaceSection, robot: Robot, seed: int) -> Tour:
 
 def _box(spans: BoxSpans, key: str) -> Array:
     """Least and greatest corner of a closed box, shape `(2, 3)` [m]."""
-    given = [getattr(spans, axis) for axis in "xyz"]
-    if None in given:
+    if None in spans.spans:
         raise DataError(
             f"the box '{key}' is open",
             where=f"{WHERE} {key}",
             fix="give x, y and z, two numbers each [m]; equal ones for a flat box",
         )
-    lower, upper = box = np.array(given).T
+    lower, upper = box = np.array(spans.spans).T
     if np.any(lower > upper):
         raise DataError(
             f"the box '{key}' ends below its beginning",
@@ -318,6 +298,8 @@ def _targets(s: Any, loaded: LoadedRobot) -> Array:
 
 def _sweeps(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
     posture = posture_of(s.start, loaded.robot, "start")
+    if posture is not None:
+        refuse_outside(loaded.robot, limits, posture)
     motion = friction_sweeps(limits, posture, speeds=s.speeds, slowest=s.slowest, fraction=1.0)
     return motion, (f"each joint alone at {s.speeds} speeds, both ways",)
 

@@ -10,6 +10,7 @@ from steelyard.base.errors import DataError
 from steelyard.excite.constraints.constraint_and_limits import Constraint, MotionLimits
 from steelyard.excite.design_problem_and_information import Problem
 from steelyard.excite.search.margins_barrier_and_newton import InequalityConstraints
+from steelyard.excite.trajectories.exact_trajectories import stretch_within
 from steelyard.excite.trajectories.motion_families import posture_of
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.robot import Robot
@@ -282,8 +283,8 @@ def refuse_impossible(problem: Problem, loaded: LoadedRobot) -> None:
 def _refuse_short(problem: Problem, section: Any) -> None:
     robot, highest = problem.robot, problem.basis.highest
     least = np.array([LEAST_SWING[joint.kind] for joint in robot.coordinates])
-    sides = enumerate(problem.limits.bounds[1:], start=1)
-    rates = [(most / least) ** (1.0 / order) for order, (_, most) in sides]
+    sides = enumerate(problem.limits.greatest, start=1)
+    rates = [(most / least) ** (1.0 / order) for order, most in sides]
     fastest = np.min(rates, axis=0) / (2.0 * np.pi)
     best = int(np.argmax(fastest))
     factor = highest / float(fastest[best])
@@ -310,10 +311,7 @@ def _refuse_short(problem: Problem, section: Any) -> None:
 
 def _refuse_far(problem: Problem, start: Array) -> None:
     motion = problem.basis.motion(problem.basis.still(start))
-    ratio = 0.0
-    for order, (_, most) in enumerate(problem.limits.bounds[1:], start=1):
-        size = np.maximum(*np.abs(motion.extremes(order)))
-        ratio = max(ratio, float(np.max(size / most)) ** (1.0 / order))
+    ratio, _, _ = stretch_within(motion, problem.limits.greatest)
     if ratio >= 1.0:
         needed = ratio * motion.duration
         raise DataError(

@@ -15,7 +15,7 @@ Margins are smooth in the motion, so that interval arithmetic bounds them over s
 """
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -33,10 +33,10 @@ from steelyard.model.equations.inverse_dynamics import JointState, Scalars, carr
 from steelyard.model.laws.laws_without_friction import body_efforts
 from steelyard.robot.file.excitation_sections import StanceSection
 from steelyard.robot.robot import BASE_COORDINATES, Frame, Robot, robot_to_dict
-from steelyard.symbolic.native.compiled_programs import Code, compiled
+from steelyard.symbolic.native.compiled_programs import Code, compiled, compiled_equations
 from steelyard.symbolic.program_and_softening import InputArray as Input
-from steelyard.symbolic.program_and_softening import Program, program_from_json, program_to_json
-from steelyard.symbolic.symbols_and_tracing import carried_along, pulled_back, symbolic
+from steelyard.symbolic.program_and_softening import Program
+from steelyard.symbolic.symbols_and_tracing import in_time, symbolic
 
 _ROOM = 0.2  # share of a point's load, or of a limit of effort, at which it begins to matter
 _TOLERANCE = 0.02  # a proof may stay so far below the least margin at a sample, over the same
@@ -116,11 +116,8 @@ class FeetForces(Constraint):
         return proven_minimum(trajectory, self._bound, tolerance)
 
     def _bound(self, stretches: Stretches) -> tuple[Array, Array]:
-        values, rates = self._programs
-        least = stretches.middles(values)[0]
-        slowest, fastest = stretches.throughout(rates)
-        away = np.maximum(np.abs(slowest), np.abs(fastest)) * stretches.half
-        return least, least - away * (1.0 + 1e-9)
+        least, _, away = stretches.around(*self._programs)
+        return least, least - away
 
     @cached_property
     def _values(self) -> Code:
@@ -128,35 +125,28 @@ class FeetForces(Constraint):
 
         def build() -> tuple[Program, dict[str, Any]]:
             program = symbolic(self._margins, self._inputs)
-            about = {
-                "values": program_to_json(program),
-                "rates": program_to_json(symbolic(self._rates, [*self._inputs, self._jerk])),
+            jerk = Input("jerk", self.tree.n)
+            return program, {
+                "values": program,
+                "rates": symbolic(partial(in_time, self._margins), [*self._inputs, jerk]),
             }
-            return program, about
 
         return compiled(["forces of feet", *self._key], build)
 
     @cached_property
     def _back(self) -> Code:
         """The reverse derivative of the margins by position, velocity and acceleration."""
-
-        def build() -> tuple[Program, dict[str, Any]]:
-            return pulled_back(symbolic(self._margins, self._inputs), (0, 1, 2)), {}
-
-        return compiled(["forces of feet backwards", *self._key], build)
+        description = ["forces of feet", *self._key]
+        return compiled_equations(description, self._margins, self._inputs, back=(0, 1, 2))
 
     @cached_property
     def _programs(self) -> tuple[Program, Program]:
-        about = self._values.about
-        return program_from_json(about["values"]), program_from_json(about["rates"])
+        values, rates = self._values.beside("values", "rates")
+        return values, rates
 
     @property
     def _inputs(self) -> list[Input]:
         return [Input(name, self.tree.n) for name in ("q", "dq", "ddq")]
-
-    @property
-    def _jerk(self) -> Input:
-        return Input("jerk", self.tree.n)
 
     @property
     def _key(self) -> list[Any]:
@@ -164,11 +154,6 @@ class FeetForces(Constraint):
         places = [[p.body, p.position.tolist()] for p in self.points]
         own = [self.places.tolist(), self.least, self.friction, limits]
         return [robot_to_dict(self.tree), places, own]
-
-    def _rates(self, *state: Scalars) -> list[Any]:
-        found = self._margins(*state[:3])
-        moving = [[x for part in state[k : k + 3] for x in part] for k in (0, 1)]
-        return carried_along(found, *moving)
 
     def _margins(self, q: Scalars, dq: Scalars, ddq: Scalars) -> list[Any]:
         """All margins at one state."""

@@ -69,11 +69,8 @@ class InformationOnFeet(InformationEvaluator):
     def _rows(self, seen: SampledInformation) -> Array:
         """Rows of the regressor at samples, `(N, n, c)`."""
         found = np.zeros((seen.entries.shape[1], self.model.robot.n, len(self.base)))
-        start = 0
-        for row, columns in enumerate(self.sees):
-            stop = start + len(columns)
-            found[:, row, columns] = seen.entries[start:stop].T
-            start = stop
+        for row, block in enumerate(self._blocks(seen.entries)):
+            found[:, row, self.sees[row]] = block.T
         return found
 
     def _flat(self, rows: Array) -> Array:

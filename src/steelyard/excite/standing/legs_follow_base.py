@@ -29,13 +29,11 @@ from steelyard.excite.trajectories.exact_trajectories import (
     quintic,
 )
 from steelyard.model.equations.inverse_dynamics import JointState, completed
-from steelyard.model.equations.passive_joints import Follower
+from steelyard.model.equations.passive_joints import Follower, passive_ways
 from steelyard.robot.loop_closures import gaps
 from steelyard.robot.robot import Robot, robot_to_dict
-from steelyard.symbolic.native.compiled_programs import Code, compiled
+from steelyard.symbolic.native.compiled_programs import Code, compiled_equations
 from steelyard.symbolic.program_and_softening import InputArray as Input
-from steelyard.symbolic.program_and_softening import Program
-from steelyard.symbolic.symbols_and_tracing import pulled_back, symbolic
 
 RESERVE = 0.1  # share of an activation distance that a search keeps for legs that bend
 OPEN = -10.0  # margins where the legs do not reach, over their activation distance
@@ -160,49 +158,30 @@ class Legs:
 
     @cached_property
     def _rates(self) -> Code:
-        return compiled(["legs", *self._key], lambda: (self._program(), {}))
+        return self._compiled()
 
     @cached_property
     def _back(self) -> Code:
-        return compiled(
-            ["legs backwards", *self._key],
-            lambda: (pulled_back(self._program(), (0, 1, 2, 3)), {}),
-        )
+        return self._compiled(back=(0, 1, 2, 3))
 
     @cached_property
     def _map(self) -> Code:
-        return compiled(["legs' ways", *self._key], lambda: (self._ways_program(), {}))
+        return passive_ways(self.robot)
 
     @cached_property
     def _map_back(self) -> Code:
-        return compiled(
-            ["legs' ways backwards", *self._key],
-            lambda: (pulled_back(self._ways_program(), (0, 1)), {}),
-        )
+        return passive_ways(self.robot, back=(0, 1))
 
-    @property
-    def _key(self) -> list[Any]:
-        return [robot_to_dict(self.robot)]
-
-    def _program(self) -> Program:
-        """Velocities and accelerations of the passive joints."""
-        n = self.robot.n
+    def _compiled(self, back: Sequence[int] | None = None) -> Code:
+        """Velocities and accelerations of the passive joints; see `compiled_equations`."""
+        robot, n = self.robot, self.robot.n
 
         def rows(q: Any, dq: Any, ddq: Any, passive: Any) -> list[Any]:
-            state, _ = completed(self.robot, JointState(q, dq, ddq, passive))
+            state, _ = completed(robot, JointState(q, dq, ddq, passive))
             return [*state.dq[n:], *state.ddq[n:]]
 
-        inputs = [Input(name, n) for name in ("q", "dq", "ddq")]
-        return symbolic(rows, [*inputs, Input("passive", len(self.robot.passive))])
-
-    def _ways_program(self) -> Program:
-        n, still = self.robot.n, [0.0] * self.robot.n
-
-        def rows(q: Any, passive: Any) -> list[Any]:
-            ways = completed(self.robot, JointState(q, still, still, passive))[1]
-            return [0.0 if x is None else x for row in ways for x in row]
-
-        return symbolic(rows, [Input("q", n), Input("passive", len(self.robot.passive))])
+        inputs = [*(Input(x, n) for x in ("q", "dq", "ddq")), Input("passive", len(robot.passive))]
+        return compiled_equations(["legs", robot_to_dict(robot)], rows, inputs, back=back)
 
 
 @dataclass(frozen=True, eq=False)

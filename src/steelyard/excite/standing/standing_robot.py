@@ -53,12 +53,11 @@ def standing(loaded: LoadedRobot, section: StanceSection) -> tuple[LoadedRobot, 
         ModelError: The base does not float, or the feet cannot hold it.
     """
     _refuse_unfit(loaded)
-    robot, joints = loaded.robot, loaded.robot.coordinates[6:]
-    posture = np.zeros(len(joints))
+    robot, names = loaded.robot, loaded.robot.joint_names[6:]
+    posture = np.zeros(len(names))
     if section.posture is not None:
-        moving = robot.changed(coordinates=joints, bodies=(), frames=(), assembly=None)
-        fix = "give one number per joint: " + ", ".join(moving.joint_names)
-        posture = by_joint(section.posture, moving, f"{_WHERE} posture", posture, fix)
+        fix = "give one number per joint: " + ", ".join(names)
+        posture = by_joint(section.posture, names, f"{_WHERE} posture", posture, fix)
     tree = _tree(robot, section)
     at = np.concatenate([np.zeros(6), posture])
     loops = tuple(
@@ -91,7 +90,6 @@ def standing(loaded: LoadedRobot, section: StanceSection) -> tuple[LoadedRobot, 
             "foot holds directions: 3 for a point, 6 for a sole",
         ) from None
     plain = with_friction(model_with_open_friction(loaded), loaded)
-    names = tuple(joint.name for joint in joints)
     model = Model(found, tuple(_acting(term, names) for term in plain.terms))
     kept = replace(loaded, robot=found, excitation=_above_floor(loaded, loops, tree))
     return kept, model, Gap(_what_is_assumed(section, loops))

@@ -94,6 +94,19 @@ class SlowedMotion(ExactTrajectory):
         return {"kind": "slowed", "factor": self.factor, "motion": self.motion.to_dict()}
 
 
+def stretch_within(motion: ExactTrajectory, bounds: Sequence[Array]) -> tuple[float, int, int]:
+    """The time in which a motion keeps bounds of its derivatives, over its own time.
+
+    Bounds are of orders 1, 2, ... either way, `(n,)` each; also the order and joint that decide.
+    """
+    found = []
+    for order, bound in enumerate(bounds, start=1):
+        low, high = motion.extremes(order)
+        needed = (np.maximum(-low, high) / bound) ** (1.0 / order)
+        found.append((float(needed.max()), order, int(needed.argmax())))
+    return max(found)
+
+
 def divided(edges: Array, longest: float) -> Array:
     """Ascending times `(k,)`, and others evenly between them: no two are more than that apart."""
     counts = np.ceil(np.diff(edges) / longest * (1.0 - 1e-9)).astype(int).clip(1)
@@ -318,11 +331,7 @@ def through_postures(
     Moves take `move_s`, all the same or one each, `(k - 1,)` [s].
     """
     postures = frozen(postures, (None, None))
-    if len(postures) < 2:
-        raise ValueError(f"a motion through postures needs 2 of them or more, not {len(postures)}")
     moves = np.broadcast_to(np.asarray(move_s, dtype=np.float64), (len(postures) - 1,))
-    if not (np.all(moves > 0.0) and dwell_s >= 0.0 and np.isfinite(moves).all()):
-        raise ValueError("moves take more than 0 s, and dwells 0 s or more")
     reach = np.diff(postures, axis=0)[:, None, :] * SMOOTH[:, None]
     reach[:, 0] = postures[:-1]
     if dwell_s == 0.0:

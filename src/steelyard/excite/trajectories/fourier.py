@@ -35,9 +35,10 @@ _CELLS_PER_WAVE = 16  # short enough for `taylor_pieces`
 
 
 def rest_basis(harmonics: int) -> Array:
-    """Orthonormal basis of coefficients `(a_1..a_H, b_1..b_H)` at rest, shape `(2H, 2H - 2)`."""
-    if harmonics < 2:
-        raise ValueError(f"a motion from rest to rest needs 2 harmonics or more, not {harmonics}")
+    """Orthonormal basis of coefficients `(a_1..a_H, b_1..b_H)` at rest, shape `(2H, 2H - 2)`.
+
+    There are two harmonics or more.
+    """
     basis = np.zeros((2 * harmonics, 2 * harmonics - 2))
     for half, power in enumerate((1, 2)):
         condition = np.arange(1.0, harmonics + 1.0)[None, :] ** power

@@ -1,6 +1,6 @@
 """Families of motions that are linear in their coefficients, also from `[excitation.motion]`."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -19,7 +19,7 @@ from steelyard.excite.trajectories.exact_trajectories import (
     quintic,
     through_postures,
 )
-from steelyard.excite.trajectories.fourier import FourierMotion, rest_basis
+from steelyard.excite.trajectories.fourier import FourierMotion
 from steelyard.robot.robot import Robot
 
 SAME_MOTION_TOLERANCE = 1e-6  # relative difference up to which two motions are one
@@ -121,7 +121,6 @@ def rest_fourier(
     The first `2H - 2` coefficients are coordinates in `rest_basis`. Without a `start`, the posture
     at both ends is one more. To another `end` a minimum-jerk move is added [Swevers1997].
     """
-    rest_basis(harmonics)
     postures = _given(joints, start, end)
 
     def made_of(rows: Array) -> FourierMotion:
@@ -264,7 +263,7 @@ def posture_of(given: Any, robot: Robot, what: str) -> Array | None:
     if given is None:
         return None
     fix = "give one number per joint: " + ", ".join(robot.joint_names)
-    return frozen(by_joint(given, robot, f"{_WHERE} {what}", np.zeros(robot.n), fix))
+    return frozen(by_joint(given, robot.joint_names, f"{_WHERE} {what}", np.zeros(robot.n), fix))
 
 
 def _ends(s: Any, robot: Robot) -> tuple[Array | None, Array | None]:
@@ -310,18 +309,18 @@ def per_joint(given: Any, robot: Robot, what: str, default: Array) -> Array:
     if isinstance(given, float | int):
         return np.full(robot.n, float(given))
     fix = "give one number, one per joint, or a table by joint name"
-    return by_joint(given, robot, f"[excitation.limits] {what}", default, fix)
+    return by_joint(given, robot.joint_names, f"[excitation.limits] {what}", default, fix)
 
 
-def by_joint(given: Any, robot: Robot, where: str, default: Array, fix: str) -> Array:
+def by_joint(given: Any, names: Sequence[str], where: str, default: Array, fix: str) -> Array:
     """Numbers by joint, `(n,)`, from a list, or from a table that changes some of the default."""
     if isinstance(given, Mapping):
         values = np.array(default)
         for name, value in given.items():
             wrong = f"the robot has no joint '{name}'"
-            refuse_unknown(name, robot.joint_names, wrong, where, "joints", DataError)
-            values[robot.joint_names.index(name)] = value
+            refuse_unknown(name, names, wrong, where, "joints", DataError)
+            values[names.index(name)] = value
         return values
-    if len(given) != robot.n:
-        raise DataError(f"{len(given)} numbers for {robot.n} joints", where=where, fix=fix)
+    if len(given) != len(names):
+        raise DataError(f"{len(given)} numbers for {len(names)} joints", where=where, fix=fix)
     return np.array(given, dtype=np.float64)

@@ -19,8 +19,8 @@ import numpy as np
 from steelyard.model.equations.inverse_dynamics import Scalar, Scalars
 from steelyard.symbolic.native.compiled_programs import Code, compiled
 from steelyard.symbolic.program_and_softening import InputArray as Input
-from steelyard.symbolic.program_and_softening import Program, program_from_json, program_to_json
-from steelyard.symbolic.symbols_and_tracing import carried_along, replayed, slopes_of, symbolic
+from steelyard.symbolic.program_and_softening import Program
+from steelyard.symbolic.symbols_and_tracing import in_time, replayed, slopes_of, symbolic
 
 Efforts = Callable[..., Scalars]
 """Position, velocity, acceleration and parameters to the effort of every joint."""
@@ -67,19 +67,16 @@ def effort_bounds(
             return [*found, *slopes_of(found, [v for part in x[:3] for v in part])]
 
         def rates(*x: Scalars) -> list[Scalar]:
-            found = values(*x[:3], x[4])
-            moving = [[v for part in x[k : k + 3] for v in part] for k in (0, 1)]
-            return carried_along(found, *moving)
+            return in_time(lambda *moving: values(*moving, x[4]), *x[:4])
 
         about = {
-            "values": program_to_json(symbolic(values, [*state, shared])),
-            "rates": program_to_json(symbolic(rates, [*state, Input("jerk", n), shared])),
+            "values": symbolic(values, [*state, shared]),
+            "rates": symbolic(rates, [*state, Input("jerk", n), shared]),
         }
         return symbolic(slopes, [*state, shared]), about
 
     code = compiled(["effort bounds", power, *key], build)
-    programs = (program_from_json(code.about[name]) for name in ("values", "rates"))
-    return EffortBounds(code, *programs)
+    return EffortBounds(code, *code.beside("values", "rates"))
 
 
 def _spread(

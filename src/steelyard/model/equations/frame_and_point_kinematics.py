@@ -25,8 +25,8 @@ from steelyard.model.equations.passive_joints import passive_positions
 from steelyard.robot.robot import Frame, Robot, body_frames, robot_to_dict
 from steelyard.symbolic.native.compiled_programs import Code, compiled, compiled_equations
 from steelyard.symbolic.program_and_softening import InputArray as Input
-from steelyard.symbolic.program_and_softening import Program, program_from_json, program_to_json
-from steelyard.symbolic.symbols_and_tracing import carried_along, symbolic
+from steelyard.symbolic.program_and_softening import Program
+from steelyard.symbolic.symbols_and_tracing import carried_along, in_time, symbolic
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,8 +109,9 @@ def last_frame(robot: Robot) -> str:
     return on_it[-1] if on_it else robot.bodies[last].name
 
 
-def frame_of(robot: Robot, name: str) -> Frame:
-    """The frame of that name: of a moving link, or of one that is fixed to a link or the base."""
+def frame_of(robot: Robot, name: str | None) -> Frame:
+    """The frame of a moving link, or of one fixed to a link or the base; the last if `None`."""
+    name = last_frame(robot) if name is None else name
     frames = {frame.name: frame for frame in (*body_frames(robot)[1:], *robot.frames)}
     return named(name, frames, "frame", "frames", f"robot '{robot.name}'")
 
@@ -173,19 +174,15 @@ def points_on(robot: Robot, carriers: Sequence[int], places: ArrayLike) -> Point
             positions = outputs(q)[: 3 * len(points)]
             return [*positions, *carried_along(positions, q, dq)]
 
-        def bend(q: Scalars, dq: Scalars, ddq: Scalars) -> list[Scalar]:
-            return carried_along(flow(q, dq)[3 * len(points) :], [*q, *dq], [*dq, *ddq])
+        def bend(*state: Scalars) -> list[Scalar]:
+            return in_time(flow, *state)[3 * len(points) :]
 
         inputs = [Input(name, n) for name in ("q", "dq", "ddq")]
-        about = {
-            "flow": program_to_json(symbolic(flow, inputs[:2])),
-            "bend": program_to_json(symbolic(bend, inputs)),
-        }
+        about = {"flow": symbolic(flow, inputs[:2]), "bend": symbolic(bend, inputs)}
         return symbolic(outputs, inputs[:1]), about
 
     code = compiled(["points", robot_to_dict(robot), list(carriers), points.tolist()], build)
-    flow, bend = (program_from_json(code.about[name]) for name in ("flow", "bend"))
-    return Points(robot, tuple(carriers), points, code, flow, bend)
+    return Points(robot, tuple(carriers), points, code, *code.beside("flow", "bend"))
 
 
 def refuse_passive(robot: Robot, body: int, name: str) -> None:

@@ -1,5 +1,8 @@
 """Passive positions along a motion: Newton's method, warm-started from sample to sample."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,10 +40,10 @@ class Follower:
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
-        assembly = loop_equations(robot).assembly
-        self.closed: tuple[Array, Array] = (assembly[: robot.n], assembly[robot.n :])
+        self.closed: tuple[Array, Array]
+        self._drift: Array
         self._newton = _Newton(robot)
-        self._drift = np.zeros(len(robot.passive))
+        self.restart()
 
     def __call__(self, q: Array, stop: bool = False) -> tuple[Array, NDArray[np.bool_]]:
         """Passive positions of samples `q` `(n, N)`, and whether loops close, `(N,)`.
@@ -71,8 +74,11 @@ class Follower:
         self.closed = (q, found)
         return True
 
-    def restart(self, closed: tuple[Array, Array]) -> None:
-        """Go on from independent and passive positions where the loops are closed."""
+    def restart(self, closed: tuple[Array, Array] | None = None) -> None:
+        """Go on from positions where the loops are closed, `(n,)` and `(n_passive,)`, if given."""
+        if closed is None:
+            first, passive = np.split(loop_equations(self.robot).assembly, [self.robot.n])
+            closed = first, passive
         self.closed, self._drift = closed, np.zeros(len(self.robot.passive))
 
     def gap(self, q: Array) -> tuple[str, float]:
@@ -226,6 +232,21 @@ class _Newton:
 def _largest(values: Array) -> float:
     """Largest size of some finite values; of a few, faster than with NumPy."""
     return float(max(map(abs, values.tolist())))
+
+
+def passive_ways(robot: Robot, back: Sequence[int] | None = None) -> Code:
+    """Speeds of passive joints per speed of independent ones, row by row.
+
+    Inputs are independent and passive positions; for `back` see `compiled_equations`.
+    """
+    still = [0.0] * robot.n
+
+    def rows(q: Any, passive: Any) -> list[Any]:
+        ways = completed(robot, JointState(q, still, still, passive))[1]
+        return [0.0 if x is None else x for row in ways for x in row]
+
+    inputs = Input("q", robot.n), Input("passive", len(robot.passive))
+    return compiled_equations(["passive ways", robot_to_dict(robot)], rows, inputs, back=back)
 
 
 def newton_code(robot: Robot) -> Code:

@@ -115,7 +115,7 @@ CREEP = 1e-12
 
 
 class _OfSpeed(ActsOnAxes):
-    """One parameter per coordinate, not negative, times a function of its speed."""
+    """A function of each coordinate's speed; of two units, its parts in each direction."""
 
     dissipation: ClassVar[Dissipation] = "together"
     cause: ClassVar[Cause] = "friction"
@@ -125,7 +125,8 @@ class _OfSpeed(ActsOnAxes):
     """Friction per unit of the parameter; odd."""
 
     def efforts(self, axes: Axes, state: JointState) -> Scalars:
-        return [type(self).curve(axis.of(state.dq)) for axis in axes]
+        curve = [type(self).curve(axis.of(state.dq)) for axis in axes]
+        return curve if len(self.units) == 1 else directional(curve)
 
 
 @dataclass(frozen=True)
@@ -160,20 +161,16 @@ class Viscous(_OfSpeed):
 
 
 @dataclass(frozen=True)
-class DirectionalViscous(ActsOnAxes):
+class DirectionalViscous(_OfSpeed):
     r"""Viscous friction of its own in each direction, $f = f_+ \max(v, 0) + f_- \min(v, 0)$."""
 
     law: ClassVar[str] = "directional_viscous"
     dissipation: ClassVar[Dissipation] = "each"
-    cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "motion at several speeds in both directions of"
     in_model_files: ClassVar[Place] = terms.as_one("viscous")
     units: ClassVar[Mapping[str, str]] = {"_forward": "{rate}", "_backward": "{rate}"}
 
-    def efforts(self, axes: Axes, state: JointState) -> Scalars:
-        """The velocity, its positive and its negative part."""
-        speeds = [axis.of(state.dq) for axis in axes]
-        return [bound(x, 0.0) for bound in (np.maximum, np.minimum) for x in speeds]
+    curve: ClassVar[Callable[[Scalar], Scalar]] = lambda speed: speed
 
 
 @dataclass(frozen=True)

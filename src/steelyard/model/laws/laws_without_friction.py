@@ -317,8 +317,8 @@ class GravityCompensator(terms.Term):
         )
         if first == second:
             raise _unusable(f"between '{self.links[0]}' and '{self.links[1]}', which move as one")
-        shared = [k for k in robot.carriers(first) if k in robot.carriers(second)]
-        fork = shared[-1] if shared else -1
+        near_side, far_side = robot.apart(first, second)
+        fork = robot.bodies[(near_side or far_side)[0]].parent
         start, start_slopes = rigid.carried_point(robot, q, first, near, fork)
         end, end_slopes = rigid.carried_point(robot, q, second, far, fork)
         line = end - start

@@ -11,7 +11,7 @@ from steelyard.model.laws import laws_without_friction as without_friction
 from steelyard.model.terms.axes_and_fields import Find, finds_of, is_search, search_of
 from steelyard.model.terms.stateful_terms import Presliding
 from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, Term, columns_at_rest
-from steelyard.robot.file.tables_by_kind import Kinds
+from steelyard.robot.file.tables_by_kind import Kinds, at_place
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 from steelyard.robot.robot import Robot
 
@@ -91,27 +91,24 @@ def term_of(description: str | Mapping[str, Any], where: str) -> Term:
     """
     law, given = _KINDS.fields(description, where)
     try:
-        return cast(Term, law(**{key: _field(law, key, x, where) for key, x in given.items()}))
+        with at_place(where):
+            return cast(Term, law(**{key: _field(law, key, x, where) for key, x in given.items()}))
     except TypeError:
         raise ModelError(
             f"the value of a key of term '{law.law}' is of another type",
             where=where,
             fix=f"its keys are: {', '.join(_names(law)) or 'none'}",
         ) from None
-    except ModelError as error:
-        raise ModelError(error.wrong, where=where, fix=error.fix) from None
 
 
 def refuse_unfit(term: Term, robot: Robot, where: str) -> None:
     """A `ModelError`, with its place in a file, if a robot lacks what a term names."""
-    try:
+    with at_place(where):
         term.parameters(robot)
         if isinstance(term, StatefulTerm) and not finds_of(term):
             term.warm_up(robot)
         if term.role != "body" and not finds_of(term):
             columns_at_rest(term, robot)
-    except ModelError as error:
-        raise ModelError(error.wrong, where=where, fix=error.fix) from None
 
 
 def description_of(term: Term) -> dict[str, Any]:

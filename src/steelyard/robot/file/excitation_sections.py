@@ -42,9 +42,14 @@ class BoxSpans(Section):
     z: Span | None = key(None, "Range along z [m].")
 
     @property
+    def spans(self) -> tuple[Span | None, Span | None, Span | None]:
+        """Those along x, y and z."""
+        return self.x, self.y, self.z
+
+    @property
     def bounded(self) -> bool:
         """Whether it is closed anywhere."""
-        return not (self.x is None and self.y is None and self.z is None)
+        return any(self.spans)
 
 
 class MotionOfAKind(Section):

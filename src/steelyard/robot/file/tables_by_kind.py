@@ -1,7 +1,8 @@
 """Values that a table describes by the name of their kind and its fields."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import MISSING, dataclass
 from typing import Any, get_type_hints
 
@@ -52,10 +53,17 @@ class Kinds:
         """The value, its fields of the types that the dataclass declares."""
         kind, table = self.fields(given, where)
         hints = get_type_hints(kind)
-        try:
+        with at_place(where):
             return kind(**{key: _value(hints[key], key, x, where) for key, x in table.items()})
-        except ModelError as error:
-            raise ModelError(error.wrong, where=where, fix=error.fix) from None
+
+
+@contextmanager
+def at_place(where: str) -> Iterator[None]:
+    """Errors inside say that they are about a place in a file."""
+    try:
+        yield
+    except ModelError as error:
+        raise ModelError(error.wrong, where=where, fix=error.fix) from None
 
 
 def _value(declared: Any, name: str, value: Any, where: str) -> Any:

@@ -19,7 +19,7 @@ from steelyard.robot.inertia_and_placement import Inertia, Placement, turn
 from steelyard.robot.mechanism import Joint, Link, Mechanism, MechanismJointKind, Mimic
 from steelyard.robot.models import mjcf_equalities_and_forces as parts
 from steelyard.robot.models.mjcf_equalities_and_forces import WORLD, name_of
-from steelyard.robot.models.xml_and_urdf import Element, read_xml, refuse_device
+from steelyard.robot.models.xml_and_urdf import Element, read_root, read_xml, refuse_device
 from steelyard.robot.robot import Limits
 
 _POINTER = b"version https://git-lfs"
@@ -272,13 +272,8 @@ def read_mjcf(path: Path) -> Mechanism:
     Raises:
         ModelError: MuJoCo cannot compile the file.
     """
-    root = read_xml(path)
-    if root.tag != "mujoco":
-        raise ModelError(
-            f"the file is not an MJCF: its outermost element is <{root.tag}>",
-            where=root.where,
-            fix="give an MJCF (<mujoco>), a URDF (<robot>) or a robot file (.toml)",
-        )
+    fix = "give an MJCF (<mujoco>), a URDF (<robot>) or a robot file (.toml)"
+    root = read_root(path, "mujoco", "an MJCF", fix)
     given = compiled(path)
     if given.model.nbody == 1 and root.all("body"):
         raise ModelError(
@@ -354,7 +349,7 @@ class _Reading:
         where = f"{self.path}, body '{name}'"
         parent_body = int(model.body_parentid[body])
         parent = name_of(self.model, "body", parent_body) if parent_body else WORLD
-        start = parent_origin @ Placement(_rotation(model.body_quat[body]), model.body_pos[body])
+        start = parent_origin @ Placement(rotation_of(model.body_quat[body]), model.body_pos[body])
         joints = parts.joints_of(model, body)
         if not joints:
             self.joints.append(Joint(f"{name}_fixed", "fixed", parent, name, start, where=where))
@@ -380,7 +375,7 @@ class _Reading:
         if mass == 0.0 and not np.any(model.body_inertia[body]):
             return None
         principal = Inertia.about_com(mass, (0.0, 0.0, 0.0), np.diag(model.body_inertia[body]))
-        in_body = principal.moved(_rotation(model.body_iquat[body]), model.body_ipos[body])
+        in_body = principal.moved(rotation_of(model.body_iquat[body]), model.body_ipos[body])
         return in_body.moved(origin.rotation, origin.position)
 
     def _joint(
@@ -410,7 +405,7 @@ class _Reading:
         )
 
 
-def _rotation(quaternion: Array) -> Array:
+def rotation_of(quaternion: Array) -> Array:
     """The rotation matrix of a unit quaternion `w, x, y, z`."""
     flat = np.empty(9)
     mujoco.mju_quat2Mat(flat, quaternion)

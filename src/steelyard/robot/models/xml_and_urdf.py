@@ -170,6 +170,15 @@ def read_xml(path: Path) -> Element:
     return root  # type: ignore[no-any-return]
 
 
+def read_root(path: Path, tag: str, what: str, fix: str) -> Element:
+    """The root element of an XML file, which has a tag."""
+    root = read_xml(path)
+    if root.tag != tag:
+        wrong = f"the file is not {what}: its outermost element is <{root.tag}>"
+        raise ModelError(wrong, where=root.where, fix=fix)
+    return root
+
+
 _KINDS = tuple(kind for kind in get_args(MechanismJointKind) if kind != "ball")
 _SINGLE = ("revolute", "continuous", "prismatic")
 _SIX = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")
@@ -183,13 +192,8 @@ def read_urdf(path: Path) -> Mechanism:
     without `<axis>` moves about x; a mass without `<inertia>` is a point. A speed limit of zero
     means that it is unknown.
     """
-    root = read_xml(path)
-    if root.tag != "robot":
-        raise ModelError(
-            f"the file is not a URDF: its outermost element is <{root.tag}>",
-            where=root.where,
-            fix="give a URDF (<robot>), an MJCF (<mujoco>) or a robot file (.toml)",
-        )
+    fix = "give a URDF (<robot>), an MJCF (<mujoco>) or a robot file (.toml)"
+    root = read_root(path, "robot", "a URDF", fix)
     if (element := of_xacro(root)) is not None:
         raise ModelError(
             "the file is a xacro template, not a URDF",

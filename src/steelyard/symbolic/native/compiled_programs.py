@@ -17,8 +17,13 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.templates import templates_of
 from steelyard.symbolic.native import cache, compiler
-from steelyard.symbolic.program_and_softening import InputArray, Program
-from steelyard.symbolic.symbols_and_tracing import symbolic
+from steelyard.symbolic.program_and_softening import (
+    InputArray,
+    Program,
+    program_from_json,
+    program_to_json,
+)
+from steelyard.symbolic.symbols_and_tracing import pulled_back, symbolic
 
 TILE_ROWS = 4
 TILE_COLUMNS = 3
@@ -66,6 +71,10 @@ class Code:
             self.raw(padded, *arguments, result.ctypes.data, padded)
         return result[:, :n_samples]
 
+    def beside(self, *names: str) -> tuple[Program, ...]:
+        """Programs that its builder stated about it."""
+        return tuple(program_from_json(self.about[name]) for name in names)
+
 
 class SampleCall:
     """The code at one sample, on arrays that stay where they are; see `sample`.
@@ -112,7 +121,8 @@ def compiled(
     """Machine code for what `description` stands for, of as many lanes as the machine has.
 
     That is everything the program depends on, as JSON; its hash names the cache entry. `build`
-    makes the program and states about it what callers need, if the cache has no sound entry.
+    makes the program and states about it what callers need, also other programs, if the cache has
+    no sound entry.
     """
     lanes = compiler.lanes() if lanes is None else lanes
 
@@ -123,7 +133,8 @@ def compiled(
             "n_outputs": len(program.outputs),
             "n_operations": program.n_operations,
         }
-        return _module(program, lanes), {**about, **facts}
+        stated = {k: program_to_json(x) if isinstance(x, Program) else x for k, x in about.items()}
+        return _module(program, lanes), {**stated, **facts}
 
     about, code = machine_code(description, write)
     library = compiler.Library(code, ["program", "sample"])
@@ -142,9 +153,18 @@ def compiled_equations(
     equations: Callable[..., Sequence[Any]],
     inputs: Sequence[InputArray],
     lanes: int | None = None,
+    back: Sequence[int] | None = None,
 ) -> Code:
-    """Machine code of equations over scalars, one list of them per input array; see `compiled`."""
-    return compiled(description, lambda: (symbolic(equations, inputs), {}), lanes)
+    """Machine code of equations over scalars, one list of them per input array; see `compiled`.
+
+    With `back` of their reverse derivative by these input arrays, see `pulled_back`.
+    """
+
+    def build() -> tuple[Program, dict[str, Any]]:
+        program = symbolic(equations, inputs)
+        return program if back is None else pulled_back(program, back), {}
+
+    return compiled([description, back], build, lanes)
 
 
 @lru_cache
