@@ -277,5 +277,5 @@ def test_postures_and_times_are_checked() -> None:
 def test_a_posture_that_is_no_number_is_refused() -> None:
     series = MAKERS[1](np.random.default_rng(0))
     assert isinstance(series, FourierMotion)
-    with pytest.raises(ValueError, match="ends of the motion is not finite"):
+    with pytest.raises(ValueError, match="coefficient of the motion is not finite"):
         series.ramped([0.0, np.nan, 0.0], 0.1)

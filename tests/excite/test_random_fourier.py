@@ -1,9 +1,7 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from steelyard.excite.constraints.constraint_and_limits import MotionLimits, motion_limits
+from steelyard.excite.constraints.constraint_and_limits import motion_limits
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.robot.robot import Body, Coordinate, Limits, Robot
 
@@ -56,21 +54,6 @@ def test_same_seed_same_motion(robot: Robot) -> None:
     assert np.abs(one - other).max() > 0.01
 
 
-def test_start_off_centre_and_period(robot: Robot) -> None:
-    start = [-1.5, 0.5, 0.0, 0.3, 1.0, 0.3]
-    motion = random_fourier(robot, seed=0, start=start, period=4.0, periods=3)
-    dense = motion.sample(np.linspace(0.0, 12.0, 5001))
-    limits = motion_limits(robot)
-    assert motion.duration == 12.0
-    np.testing.assert_array_equal(motion.start, start)
-    assert np.all(dense.q > limits.lower) and np.all(dense.q < limits.upper)
-
-
-def test_start_outside_is_refused(robot: Robot) -> None:
-    with pytest.raises(ValueError, match="start posture is outside"):
-        random_fourier(robot, seed=0, start=[-1.95, 0, 0, 0.2, 1.0, 0.3])
-
-
 def test_unstated_limits_are_noted(robot: Robot) -> None:
     limits = motion_limits(robot)
     assert limits.notes == (
@@ -81,14 +64,3 @@ def test_unstated_limits_are_noted(robot: Robot) -> None:
         "without a speed limit, moved at 0.3 m/s at most: j5",
     )
     np.testing.assert_array_equal(limits.acceleration, [5, 5, 5, 1, 5, 1])
-
-
-def test_limits_of_acceleration_are_kept(robot: Robot) -> None:
-    limits = replace(motion_limits(robot), acceleration=np.full(6, 2.0))
-    motion = random_fourier(robot, seed=1, limits=limits)
-    assert np.abs(motion.sample(np.linspace(0, 10, 4001)).ddq).max() <= 1.8
-
-
-def test_crossed_limits_are_refused() -> None:
-    with pytest.raises(ValueError, match="not below"):
-        MotionLimits(np.ones(1), np.ones(1), np.ones(1), np.ones(1))

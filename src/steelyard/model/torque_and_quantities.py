@@ -374,7 +374,7 @@ def frame_quantity(robot: Robot, frame: str | Frame) -> Quantity:
             where=f"robot '{robot.name}'",
             fix="give its name, or a Frame",
         )
-    chosen = frame_of(robot, frame) if isinstance(frame, str) else frame
+    chosen = frame_of(robot, frame)
 
     def build(part: Equations, given: Given) -> list[Scalar]:
         return frame_outputs(part.robot, chosen, given["q"], given["channels"])

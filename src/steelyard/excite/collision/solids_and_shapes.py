@@ -197,22 +197,14 @@ Origin = Literal["link", "tool", "world"]  # whose: of the model, a tool or payl
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
-    """A convex solid on a body, -1 for the base and the world, part of a link, tool or obstacle.
+class Shape(Frame):
+    """A convex solid in a frame of a body, -1 for the base and the world.
 
-    The solid's axes `(3, 3)` and origin `(3,)` [m] are in the body's frame.
+    It is part of a link, a tool or an obstacle, which it is called like.
     """
 
-    name: str
-    body: int
-    rotation: Array
-    position: Array
     solid: Solid
     origin: Origin = "link"
-
-    def __post_init__(self) -> None:
-        rotation, position = frozen(self.rotation, (3, 3)), frozen(self.position, (3,))
-        set_fields(self, rotation=rotation, position=position)
 
     @property
     def flat(self) -> bool:

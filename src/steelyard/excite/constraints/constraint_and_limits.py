@@ -100,8 +100,6 @@ class MotionLimits:
         for name in ("lower", "upper", "velocity", "acceleration", "jerk"):
             if (values := getattr(self, name)) is not None:
                 set_fields(self, **{name: frozen(values, (np.size(self.lower),))})
-        if not np.all(self.lower < self.upper):
-            raise ValueError("a lower position limit is not below its upper one")
 
     @property
     def greatest(self) -> list[Array]:

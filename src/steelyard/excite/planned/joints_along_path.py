@@ -19,7 +19,6 @@ from steelyard.excite.constraints.constraint_and_limits import MotionLimits
 from steelyard.excite.planned.inverse_kinematics import (
     Attitude,
     InverseKinematics,
-    Kinematics,
     weights_of,
 )
 from steelyard.excite.planned.tool_paths_lines_and_reach import ToolPath, UnfollowableWay
@@ -94,7 +93,7 @@ def along_path(
         DataError: The start posture is none of the robot's.
         UnfollowableWay: The path cannot be followed; says where, and why.
     """
-    chosen = frame_of(robot, frame) if isinstance(frame, str) else frame
+    chosen = frame_of(robot, frame)
     refuse_fixed(robot, chosen)
     posture = None if start is None else frozen(start, (robot.n,))
     if posture is not None:
@@ -112,26 +111,6 @@ def along_path(
     if not made:
         raise max(failed, key=lambda error: error.progress)
     return min(made, key=lambda motion: motion.excess)
-
-
-def _poses(motion: FrameKinematics) -> Kinematics:
-    """Kinematics of a frame behind loops, each posture reached straight from the assembly.
-
-    Postures in which a loop stays open have no pose: their numbers are not finite.
-    """
-    robot, follower = motion.robot, Follower(motion.robot)
-
-    def at(q: Array) -> tuple[Array, ...]:
-        follower.restart()
-        if not follower.step(q):
-            return np.full(3, np.nan), np.full((3, 3), np.nan), np.zeros((6, robot.n))
-        return motion.moving(q, follower.closed[1], np.zeros(robot.n))[:3]
-
-    def poses(q: Array) -> tuple[Array, Array, Array]:
-        places, rotations, rates = zip(*map(at, q), strict=True)
-        return np.array(places), np.array(rotations), np.array(rates)
-
-    return poses
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +132,7 @@ class _Walk:
     def first_postures(self, start: Array | None, seed: int) -> Array:
         """Postures to begin in, the best first, shape `(B, n)`."""
         closed, robot, limits = bool(self.robot.passive), self.robot, self.limits
-        kinematics = _poses(self.motion) if closed else self.motion
+        kinematics = self._from_assembly if closed else self.motion
         solver = InverseKinematics(kinematics, limits.lower, limits.upper, self.attitude)
         near, rng = start, np.random.default_rng(seed)
         if near is None:
@@ -275,6 +254,19 @@ class _Walk:
         missed = np.linalg.norm(self.path.at(t)[0] - found[0])
         turned = np.linalg.norm(self.attitude.turns(found[1][None]))
         return bool(max(missed, turned) <= _CLOSE)
+
+    def _from_assembly(self, q: Array) -> tuple[Array, Array, Array]:
+        """Kinematics of the frame at postures `(N, n)`, each reached straight from the assembly.
+
+        Where a loop stays open there is no pose: numbers are not finite.
+        """
+        still, found = np.zeros(self.robot.n), []
+        for posture in q:
+            self.loops.restart()
+            none = np.full(3, np.nan), np.full((3, 3), np.nan), np.zeros((6, self.robot.n))
+            found.append((self._at(posture, still) or none)[:3])
+        places, rotations, rates = zip(*found, strict=True)
+        return np.array(places), np.array(rotations), np.array(rates)
 
     def _at(self, q: Array, dq: Array) -> tuple[Array, Array, Array, Array] | None:
         """Kinematics of the frame at a posture; `None` where a loop does not close."""

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.excite.constraints.constraint_and_limits import MotionLimits, motion_limits
+from steelyard.excite.constraints.constraint_and_limits import motion_limits
 from steelyard.excite.trajectories.exact_trajectories import (
     SMOOTH,
     ChainedMotion,
@@ -123,8 +123,6 @@ class FourierMotion(ExactTrajectory):
     def ramped(self, posture: ArrayLike, ramp: float) -> "FourierMotion":
         """The series as a displacement from a posture at both ends, `(n,)`, with ramps [s]."""
         posture = frozen(posture, self.start.shape)
-        if not np.isfinite(posture).all():
-            raise ValueError("the posture at the ends of the motion is not finite")
         trend = PiecewiseMotion(np.array([0.0, self.duration]), posture[None, None])
         return replace(self, trend=trend, ramp=ramp)
 
@@ -278,33 +276,25 @@ def random_fourier(
     harmonics: int = 5,
     periods: int = 1,
     limits_fraction: float = 0.9,
-    limits: MotionLimits | None = None,
-    start: ArrayLike | None = None,
 ) -> FourierMotion:
     """A random series per joint, as large as one of its limits allows; same seed, same motion.
 
-    It uses a share of the speeds, accelerations and position ranges; of the robot's limits, and
-    about the middle of the ranges, if limits and posture `(n,)` at both ends are not given.
+    It begins in the middle of the ranges, and uses a share of the speeds, accelerations and ranges.
     """
-    limits = motion_limits(robot) if limits is None else limits
-    start = 0.5 * (limits.lower + limits.upper) if start is None else frozen(start, (robot.n,))
+    limits = motion_limits(robot)
     free = np.random.default_rng(seed).standard_normal((robot.n, 2 * harmonics - 2))
     t = np.linspace(0.0, period, _POINTS_PER_WAVE * harmonics + 1)
     series = rest_basis(harmonics) @ free.T
     q, dq, ddq = (fourier_shapes(t, period, harmonics, order) @ series for order in range(3))
-    centre, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
-    room_up = centre + limits_fraction * half - start
-    room_down = start - centre + limits_fraction * half
-    if np.any(room_up <= 0.0) or np.any(room_down <= 0.0):
-        raise ValueError("the start posture is outside the allowed share of the position ranges")
+    half = 0.5 * (limits.upper - limits.lower)
     needed = np.max(
         [
-            q.max(axis=0) / room_up,
-            -q.min(axis=0) / room_down,
+            np.abs(q).max(axis=0) / (limits_fraction * half),
             np.abs(dq).max(axis=0) / (limits_fraction * limits.velocity),
             np.abs(ddq).max(axis=0) / (limits_fraction * limits.acceleration),
         ],
         axis=0,
     )
     scale = 1.0 / (needed * (1.0 + _GRID_MARGIN))
+    start = 0.5 * (limits.lower + limits.upper)
     return FourierMotion.from_free(start, scale[:, None] * free, period, periods)

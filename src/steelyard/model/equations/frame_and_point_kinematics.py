@@ -109,8 +109,10 @@ def last_frame(robot: Robot) -> str:
     return on_it[-1] if on_it else robot.bodies[last].name
 
 
-def frame_of(robot: Robot, name: str | None) -> Frame:
+def frame_of(robot: Robot, name: str | Frame | None) -> Frame:
     """The frame of a moving link, or of one fixed to a link or the base; the last if `None`."""
+    if isinstance(name, Frame):
+        return name
     name = last_frame(robot) if name is None else name
     frames = {frame.name: frame for frame in (*body_frames(robot)[1:], *robot.frames)}
     return named(name, frames, "frame", "frames", f"robot '{robot.name}'")
@@ -129,7 +131,7 @@ def refuse_fixed(robot: Robot, frame: Frame) -> None:
 
 def frame_kinematics(robot: Robot, frame: str | Frame) -> FrameKinematics:
     """Pose, Jacobian and drift of a frame."""
-    return FrameKinematics(robot, frame_of(robot, frame) if isinstance(frame, str) else frame)
+    return FrameKinematics(robot, frame_of(robot, frame))
 
 
 def frame_outputs(robot: Robot, frame: Frame, q: Scalars, passive: Scalars) -> list[Scalar]:
