@@ -6,7 +6,7 @@ import pytest
 from exact_motions import MAKERS
 from invented import ball, dh_arm, measured, mimic, tree
 from oracles import pinocchio_torque
-from steelyard.base.arrays import Array, Parameters
+from steelyard.base.arrays import Array, Parameters, set_fields
 from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
 from steelyard.excite.constraints.bounds_in_time_and_effort_limits import (
@@ -121,6 +121,7 @@ def test_friction_counts_the_worse_way_and_no_more() -> None:
 def test_derivatives_are_central_differences(laws: str, power: bool) -> None:
     arm, h = valued(tree(), LAWS[laws]), 1e-6
     limit = (power_limit if power else torque_limit)({"arm": arm}, np.ones(4))
+    set_fields(limit, activation_distance=np.full(len(limit.labels), np.inf))
     states = np.random.default_rng(2).uniform(0.1, 1.0, (3, 20, 4))
     margins = limit.margins(*states)
     for k, slopes in enumerate((margins.by_q, margins.by_dq, margins.by_ddq)):

@@ -11,13 +11,14 @@ stretches whose bound is still too far below the least margin that was seen at a
 margin is small but kept, it is the sign that counts: half of it is too far then.
 
 Friction that turns with the sign of the velocity counts the worse way at every time, so margins
-are continuous and a proof need not know when a joint turns back; `effort_bounds` says how.
+are continuous and a proof need not know when a joint turns back; `effort_range` says how.
 """
 
+from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from functools import cached_property
-from typing import Any
+from functools import cached_property, partial
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,15 +26,17 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.base.arrays import Array, Parameters, frozen, set_fields
 from steelyard.excite.constraints.constraint_and_limits import Constraint, Margins
 from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory, divided
-from steelyard.model.equations.effort_range_over_friction_signs import EffortBounds, effort_bounds
+from steelyard.model.equations.effort_range_over_friction_signs import effort_range
 from steelyard.model.equations.frame_and_point_kinematics import frame_of, refuse_fixed
-from steelyard.model.equations.inverse_dynamics import JointState, Scalar
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
 from steelyard.model.model import Model, ValuedModel
-from steelyard.model.terms.term import Term
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.interval_bounds import enclosed
+from steelyard.symbolic.native.compiled_programs import Code, compiled, compiled_equations
+from steelyard.symbolic.program_and_softening import InputArray as Input
 from steelyard.symbolic.program_and_softening import Program
+from steelyard.symbolic.symbols_and_tracing import in_time, symbolic
 
 STRETCHES = 512  # stretches of time to begin with
 MOST_STRETCHES = 100_000  # stretches after which a proof ends with the bound that it has
@@ -41,6 +44,8 @@ MOST_STRETCHES = 100_000  # stretches after which a proof ends with the bound th
 _PIECES = 8
 _ROUNDING = 1e-12
 _FINEST = 0.02
+_NEAR = 2.0  # over activation distances: a search may keep a reserve of margins beyond them
+_STATE = ("q", "dq", "ddq")
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,6 +180,99 @@ def cut(
     return origin + number * length, origin + (number + 1) * length, owner
 
 
+class TracedConstraint(Constraint):
+    """A constraint whose margins are equations over position, velocity and acceleration.
+
+    They also take arrays that do not change in time, one each of all that stand in `cases`, so the
+    margins are those of the first case, then of the second and so on. `key` is all else that the
+    equations depend on, as JSON. A proof may stay the `tolerance` below the least margin at a
+    sample. Subclasses are dataclasses.
+    """
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What pickle keeps: compiled code is of one process."""
+        return {own.name: getattr(self, own.name) for own in fields(cast("Any", self))}
+
+    @property
+    @abstractmethod
+    def n(self) -> int:
+        """How many coordinates a state has."""
+
+    @property
+    @abstractmethod
+    def key(self) -> list[Any]:
+        """See the class."""
+
+    @property
+    @abstractmethod
+    def tolerance(self) -> Array:
+        """See the class, shape `(k,)`."""
+
+    @property
+    def cases(self) -> list[list[Array]]:
+        """See the class."""
+        return [[]]
+
+    @abstractmethod
+    def equations(self, q: Scalars, dq: Scalars, ddq: Scalars, *shared: Scalars) -> list[Scalar]:
+        """The margins of one case."""
+
+    def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
+        """See `Constraint`; margins of twice the activation distance or more get no derivatives."""
+        state = [q.T, dq.T, ddq.T]
+        values = np.vstack([self._values([*state, *case]) for case in self.cases]).T
+        result = [np.zeros((*values.shape, self.n)) for _ in state]
+        near, count = values < _NEAR * self.activation_distance, self._values.n_outputs
+        for k, case in enumerate(self.cases):
+            samples, which = np.nonzero(near[:, k * count : (k + 1) * count])
+            seeds = np.zeros((count, len(samples)))
+            seeds[which, np.arange(len(samples))] = 1.0
+            found = self._back([*(x[:, samples] for x in state), *case, seeds]).T
+            for full, part in zip(result, np.split(found, 3, axis=1), strict=True):
+                full[samples, k * count + which] = part
+        return Margins(values, *result)
+
+    def proven(self, trajectory: ExactTrajectory) -> Array:
+        """See `Constraint`."""
+        return proven_minimum(trajectory, self._bound, self.tolerance)
+
+    def _bound(self, stretches: Stretches) -> tuple[Array, Array]:
+        parts = [stretches.around(*self._programs, *case) for case in self.cases]
+        least, _, away = (np.concatenate(x) for x in zip(*parts, strict=True))
+        return least, least - away
+
+    def _inputs(self, *state: str) -> list[Input]:
+        fixed = [Input(f"shared{k}", len(x), shared=True) for k, x in enumerate(self.cases[0])]
+        return [*(Input(name, self.n) for name in state), *fixed]
+
+    @cached_property
+    def _values(self) -> Code:
+        """Margins; the programs of them and of their rates of change are stated beside it."""
+
+        def rates(*x: Scalars) -> list[Scalar]:
+            return in_time(lambda *state: self.equations(*state, *x[4:]), *x[:4])
+
+        def build() -> tuple[Program, dict[str, Any]]:
+            program = symbolic(self.equations, self._inputs(*_STATE))
+            rated = symbolic(rates, self._inputs(*_STATE, "dddq"))
+            return program, {"values": program, "rates": rated}
+
+        return compiled(["margins", *self.key], build)
+
+    @cached_property
+    def _back(self) -> Code:
+        """The reverse derivative of the margins by position, velocity and acceleration."""
+        description = ["margins", *self.key]
+        return compiled_equations(
+            description, self.equations, self._inputs(*_STATE), back=(0, 1, 2)
+        )
+
+    @cached_property
+    def _programs(self) -> tuple[Program, Program]:
+        values, rates = self._values.beside("values", "rates")
+        return values, rates
+
+
 TORQUE_ROOM = 0.1  # share of a limit at which it begins to matter
 
 TORQUE_TOLERANCE = 1e-3
@@ -182,12 +280,12 @@ TORQUE_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class EffortLimit(Constraint):
+class EffortLimit(TracedConstraint):
     """Efforts or powers within limits, either way, in every case.
 
     Of those `which` have a limit, their positive limits, one each; with `power` those of every
-    joint and of all together. Per case the parameters of the model, `(p,)`. Margins are case by
-    case, all upper sides before all lower ones.
+    joint and of all together. Per case the `values` of the model, `(p,)`. Margins are case by case,
+    all upper sides before all lower ones.
     """
 
     name: str
@@ -197,7 +295,7 @@ class EffortLimit(Constraint):
     power: bool
     which: tuple[int, ...]
     limits: Array
-    cases: tuple[Array, ...]
+    values: tuple[Array, ...]
     scope: str = ""
     activation_distance: Array = field(init=False)
     how: str = field(init=False)
@@ -205,75 +303,62 @@ class EffortLimit(Constraint):
     def __post_init__(self) -> None:
         rubs = [name in self.model.friction_names for name in self.model.names]
         how = "interval arithmetic bounds the rate of change of efforts over every time interval"
-        worse = "; friction has its worse sign" if any(x[rubs].any() for x in self.cases) else ""
+        worse = "; friction has its worse sign" if any(x[rubs].any() for x in self.values) else ""
         set_fields(self, how=how + worse, activation_distance=TORQUE_ROOM * self.scale)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """What pickle keeps: compiled code is of one process."""
-        return {own.name: getattr(self, own.name) for own in fields(self)}
+    @property
+    def n(self) -> int:
+        """See `TracedConstraint`."""
+        return self.model.robot.n
 
-    @cached_property
-    def bounds(self) -> EffortBounds:
-        """Programs of the greatest and least values, `K` of each."""
-        model = self.model
-        rough = tuple(term for term in model.terms if term.role != "body")
-        smooth = tuple(term for term in model.terms if term.role == "body")
+    @property
+    def key(self) -> list[Any]:
+        """See `TracedConstraint`."""
+        return ["effort", self.power, self.which, self.model.program_key]
 
-        def efforts(terms: tuple[Term, ...], *x: Sequence[Scalar]) -> list[Scalar]:
-            values: list[Scalar] = []
-            start = 0
-            for term in model.terms:
-                stop = start + len(term.parameters(model.robot))
-                values += [x[3][k] for k in range(start, stop) if term in terms]
-                start = stop
-            return Model(model.robot, terms).torque_of(JointState(*x[:3]), values)
-
-        return effort_bounds(
-            [model.program_key],
-            lambda *x: efforts(smooth, *x),
-            (lambda *x: efforts(rough, *x)) if rough else None,
-            model.robot.n,
-            len(model.parameters),
-            self.power,
-        )
-
-    def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
-        """See `Constraint`."""
-        parts = [self._margins([q.T, dq.T, ddq.T, case]) for case in self.cases]
-        values, slopes = (np.concatenate(x, axis=1) for x in zip(*parts, strict=True))
-        by_q, by_dq, by_ddq = (slopes[:, :, k] for k in range(3))
-        return Margins(values, by_q, by_dq, by_ddq)
-
-    def proven(self, trajectory: ExactTrajectory) -> Array:
-        """See `Constraint`."""
-        return proven_minimum(trajectory, self._bound, TORQUE_TOLERANCE * self.scale)
+    @property
+    def cases(self) -> list[list[Array]]:
+        """See `TracedConstraint`: parameters of the model, and limits."""
+        return [[values, self.limits] for values in self.values]
 
     @property
     def scale(self) -> Array:
         """The limit behind every margin."""
-        return np.tile(self.limits, 2 * len(self.cases))
+        return np.tile(self.limits, 2 * len(self.values))
 
-    def _margins(self, inputs: list[Array]) -> tuple[Array, Array]:
-        """Margins of one case, `(N, 2m)`, and their derivatives, `(N, 2m, 3, n)`."""
-        found = self.bounds.code(inputs).T
-        n, count = len(inputs[0]), len(self.bounds.values.outputs)
-        slopes = found[:, count:].reshape(len(found), count, 3, n)
-        upper = list(self.which)
-        lower = [count // 2 + k for k in self.which]
-        values = np.hstack([self.limits - found[:, upper], self.limits + found[:, lower]])
-        return values, np.concatenate([-slopes[:, upper], slopes[:, lower]], axis=1)
+    @property
+    def tolerance(self) -> Array:
+        """See `TracedConstraint`."""
+        return TORQUE_TOLERANCE * self.scale
 
-    def _bound(self, stretches: Stretches) -> tuple[Array, Array]:
-        parts = [self._case_bound(stretches, case) for case in self.cases]
-        values, lower = (np.concatenate(x) for x in zip(*parts, strict=True))
-        return values, lower
+    def equations(self, q: Scalars, dq: Scalars, ddq: Scalars, *shared: Scalars) -> list[Scalar]:
+        """See `TracedConstraint`."""
+        x = (q, dq, ddq, shared[0])
+        most, least = effort_range(self._efforts(True, *x), self._rough, x, self.power)
+        limited = list(zip(self.which, shared[1], strict=True))
+        return [
+            *(limit - most[k] for k, limit in limited),
+            *(limit + least[k] for k, limit in limited),
+        ]
 
-    def _case_bound(self, stretches: Stretches, case: Array) -> tuple[Array, Array]:
-        low, high, away = stretches.around(self.bounds.values, self.bounds.rates, case)
-        upper, lower = list(self.which), [len(low) // 2 + k for k in self.which]
-        limits = self.limits[:, None] * (1.0 - 1e-12)
-        values = np.concatenate([limits - high[upper], limits + low[lower]])
-        return values, values - away[upper + lower]
+    @cached_property
+    def _rough(self) -> Program | None:
+        """Efforts of the laws, which may take the sign of a velocity."""
+        if all(term.role == "body" for term in self.model.terms):
+            return None
+        inputs = [*(Input(name, self.n) for name in _STATE), Input("x", len(self.model.parameters))]
+        return symbolic(partial(self._efforts, False), inputs)
+
+    def _efforts(self, smooth: bool, *x: Scalars) -> Scalars:
+        """Efforts of the bodies or of everything else."""
+        values: list[Scalar] = []
+        start = 0
+        for term in self.model.terms:
+            stop = start + len(term.parameters(self.model.robot))
+            values += [x[3][k] for k in range(start, stop) if (term.role == "body") == smooth]
+            start = stop
+        terms = tuple(term for term in self.model.terms if (term.role == "body") == smooth)
+        return Model(self.model.robot, terms).torque_of(JointState(*x[:3]), values)
 
 
 def torque_limit(cases: Mapping[str, ValuedModel], limits: ArrayLike) -> EffortLimit:

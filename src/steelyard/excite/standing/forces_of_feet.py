@@ -15,7 +15,6 @@ Margins are smooth in the motion, so that interval arithmetic bounds them over s
 """
 
 from dataclasses import dataclass, field
-from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -23,20 +22,14 @@ import numpy as np
 from steelyard.base.arrays import Array, set_fields
 from steelyard.base.errors import ModelError
 from steelyard.excite.constraints.bounds_in_time_and_effort_limits import (
-    Stretches,
-    proven_minimum,
+    TracedConstraint,
 )
-from steelyard.excite.constraints.constraint_and_limits import Constraint, Margins
 from steelyard.excite.standing.standing_robot import places_of_feet, points_of_feet
 from steelyard.excite.trajectories.exact_trajectories import ExactTrajectory
-from steelyard.model.equations.inverse_dynamics import JointState, Scalars, carried_point
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars, carried_point
 from steelyard.model.laws.laws_without_friction import body_efforts
 from steelyard.robot.file.excitation_sections import StanceSection
 from steelyard.robot.robot import BASE_COORDINATES, Frame, Robot, robot_to_dict
-from steelyard.symbolic.native.compiled_programs import Code, compiled, compiled_equations
-from steelyard.symbolic.program_and_softening import InputArray as Input
-from steelyard.symbolic.program_and_softening import Program
-from steelyard.symbolic.symbols_and_tracing import in_time, symbolic
 
 _ROOM = 0.2  # share of a point's load, or of a limit of effort, at which it begins to matter
 _TOLERANCE = 0.02  # a proof may stay so far below the least margin at a sample, over the same
@@ -44,7 +37,7 @@ _BASE = len(BASE_COORDINATES)
 
 
 @dataclass(frozen=True, eq=False)
-class FeetForces(Constraint):
+class FeetForces(TracedConstraint):
     """Feet of the tree push the floor and do not slip, and joints have the efforts for it.
 
     The `points` of feet, on their bodies, stand at `places`, `(p, 3)` [m]. Each bears `least` [N]
@@ -87,76 +80,31 @@ class FeetForces(Constraint):
         room = _ROOM * np.concatenate([sizes, np.tile(self.limits[limited], 2)])
         set_fields(self, labels=tuple(labels), activation_distance=room)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """What pickle keeps: compiled code is of one process."""
-        own = (self.tree, self.points, self.places, self.least, self.friction, self.limits)
-        return FeetForces, own
-
     @property
     def weight(self) -> float:
         """Of the whole robot [N]."""
         return weight_of(self.tree)
 
-    def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
-        """See `Constraint`; derivatives are those of margins below the activation distance."""
-        state = [q.T, dq.T, ddq.T]
-        values = self._values(state).T
-        samples, which = np.nonzero(values < self.activation_distance)
-        seeds = np.zeros((len(self.labels), len(samples)))
-        seeds[which, np.arange(len(samples))] = 1.0
-        found = self._back([*(x[:, samples] for x in state), seeds]).T
-        result = [np.zeros((*values.shape, self.tree.n)) for _ in state]
-        for full, part in zip(result, np.split(found, 3, axis=1), strict=True):
-            full[samples, which] = part
-        return Margins(values, *result)
-
-    def proven(self, trajectory: ExactTrajectory) -> Array:
-        """See `Constraint`."""
-        tolerance = _TOLERANCE / _ROOM * self.activation_distance
-        return proven_minimum(trajectory, self._bound, tolerance)
-
-    def _bound(self, stretches: Stretches) -> tuple[Array, Array]:
-        least, _, away = stretches.around(*self._programs)
-        return least, least - away
-
-    @cached_property
-    def _values(self) -> Code:
-        """Margins; the programs of them and of their rates of change are stated beside it."""
-
-        def build() -> tuple[Program, dict[str, Any]]:
-            program = symbolic(self._margins, self._inputs)
-            jerk = Input("jerk", self.tree.n)
-            return program, {
-                "values": program,
-                "rates": symbolic(partial(in_time, self._margins), [*self._inputs, jerk]),
-            }
-
-        return compiled(["forces of feet", *self._key], build)
-
-    @cached_property
-    def _back(self) -> Code:
-        """The reverse derivative of the margins by position, velocity and acceleration."""
-        description = ["forces of feet", *self._key]
-        return compiled_equations(description, self._margins, self._inputs, back=(0, 1, 2))
-
-    @cached_property
-    def _programs(self) -> tuple[Program, Program]:
-        values, rates = self._values.beside("values", "rates")
-        return values, rates
+    @property
+    def n(self) -> int:
+        """See `TracedConstraint`."""
+        return self.tree.n
 
     @property
-    def _inputs(self) -> list[Input]:
-        return [Input(name, self.tree.n) for name in ("q", "dq", "ddq")]
+    def tolerance(self) -> Array:
+        """See `TracedConstraint`."""
+        return _TOLERANCE / _ROOM * self.activation_distance
 
     @property
-    def _key(self) -> list[Any]:
+    def key(self) -> list[Any]:
+        """See `TracedConstraint`."""
         limits = [float(x) if np.isfinite(x) else None for x in self.limits]
         places = [[p.body, p.position.tolist()] for p in self.points]
         own = [self.places.tolist(), self.least, self.friction, limits]
-        return [robot_to_dict(self.tree), places, own]
+        return ["forces of feet", robot_to_dict(self.tree), places, own]
 
-    def _margins(self, q: Scalars, dq: Scalars, ddq: Scalars) -> list[Any]:
-        """All margins at one state."""
+    def equations(self, q: Scalars, dq: Scalars, ddq: Scalars, *shared: Scalars) -> list[Scalar]:
+        """See `TracedConstraint`."""
         forces, efforts = self._forces_and_efforts(q, dq, ddq)
         share = self.friction / np.sqrt(2.0)
         found = [force[2] - self.least for force in forces]

@@ -1,4 +1,4 @@
-r"""How large efforts and powers may be, whatever sign friction has; as machine code.
+r"""How large efforts and powers may be, whatever sign friction has.
 
 Where a law takes the sign of a velocity, friction may act either way when the joint almost stands
 still, so a sign counts as any number from -1 to 1 and the effort of joint `j` is bounded by
@@ -11,72 +11,27 @@ hold for all signs together. They are continuous in the motion, as the effort it
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from steelyard.model.equations.inverse_dynamics import Scalar, Scalars
-from steelyard.symbolic.native.compiled_programs import Code, compiled
-from steelyard.symbolic.program_and_softening import InputArray as Input
 from steelyard.symbolic.program_and_softening import Program
-from steelyard.symbolic.symbols_and_tracing import in_time, replayed, slopes_of, symbolic
-
-Efforts = Callable[..., Scalars]
-"""Position, velocity, acceleration and parameters to the effort of every joint."""
+from steelyard.symbolic.symbols_and_tracing import replayed
 
 
-@dataclass(frozen=True, eq=False)
-class EffortBounds:
-    """Greatest and least efforts or powers, `K` of each.
+def effort_range(
+    smooth: Scalars, rough: Program | None, x: Sequence[Scalars], power: bool
+) -> tuple[list[Scalar], list[Scalar]]:
+    """The greatest and the least efforts at inputs `x` of position, velocity and so on.
 
-    Inputs of `code` and `values` are position, velocity, acceleration and shared parameters,
-    outputs the greatest, then the least; of `code` also their derivatives by position, velocity and
-    acceleration, one by one. `rates`, with the jerk before the parameters, is how fast the greatest
-    and the least change in time.
+    The efforts `smooth` have no sign in them, those of the program `rough` have. With `power` those
+    of the power of every joint and of all together, not of the effort.
     """
-
-    code: Code
-    values: Program
-    rates: Program
-
-
-def effort_bounds(
-    key: Sequence[Any], smooth: Efforts, rough: Efforts | None, n: int, parameters: int, power: bool
-) -> EffortBounds:
-    """Programs for a robot of `n` joints.
-
-    The efforts `smooth` have no sign in them, those of `rough` have; `key` is all that they depend
-    on, as JSON. With `power` the power of every joint and of all together is bounded, not the
-    effort.
-    """
-
-    def build() -> tuple[Program, dict[str, Any]]:
-        state = [Input(name, n) for name in ("q", "dq", "ddq")]
-        shared = Input("parameters", parameters, shared=True)
-        law = None if rough is None else symbolic(rough, [*state, shared])
-
-        def values(*x: Scalars) -> list[Scalar]:
-            middle, most, least = _spread(smooth(*x), law, x)
-            if power:
-                return _powers(middle, most, least, x[1])
-            return [a + b for part in (most, least) for a, b in zip(middle, part, strict=True)]
-
-        def slopes(*x: Scalars) -> list[Scalar]:
-            found = values(*x)
-            return [*found, *slopes_of(found, [v for part in x[:3] for v in part])]
-
-        def rates(*x: Scalars) -> list[Scalar]:
-            return in_time(lambda *moving: values(*moving, x[4]), *x[:4])
-
-        about = {
-            "values": symbolic(values, [*state, shared]),
-            "rates": symbolic(rates, [*state, Input("jerk", n), shared]),
-        }
-        return symbolic(slopes, [*state, shared]), about
-
-    code = compiled(["effort bounds", power, *key], build)
-    return EffortBounds(code, *code.beside("values", "rates"))
+    middle, most, least = _spread(smooth, rough, x)
+    if power:
+        return _powers(middle, most, least, x[1])
+    high, low = ([a + b for a, b in zip(middle, part, strict=True)] for part in (most, least))
+    return high, low
 
 
 def _spread(
@@ -118,12 +73,12 @@ def _larger(a: Scalar, b: Scalar) -> Scalar:
     return 0.5 * (a + b + np.abs(a - b))
 
 
-def _powers(middle: Scalars, most: Scalars, least: Scalars, dq: Scalars) -> list[Scalar]:
-    """Greatest powers of the joints and of all together, then the least."""
+def _powers(
+    middle: Scalars, most: Scalars, least: Scalars, dq: Scalars
+) -> tuple[list[Scalar], list[Scalar]]:
+    """Greatest powers of the joints and of all together, and the least."""
     own = [(m + 0.5 * (a + b)) * v for m, a, b, v in zip(middle, most, least, dq, strict=True)]
     ways = [0.5 * (a - b) * np.abs(v) for a, b, v in zip(most, least, dq, strict=True)]
     own, ways = [*own, sum(own[1:], own[0])], [*ways, sum(ways[1:], ways[0])]
-    return [
-        *(a + b for a, b in zip(own, ways, strict=True)),
-        *(a - b for a, b in zip(own, ways, strict=True)),
-    ]
+    pairs = list(zip(own, ways, strict=True))
+    return [a + b for a, b in pairs], [a - b for a, b in pairs]

@@ -22,6 +22,7 @@ FORMAT = 1
 SOURCES = (
     "symbolic",
     "model",
+    "excite/constraints/bounds_in_time_and_effort_limits.py",
     "excite/standing",
     "robot/models",
     "robot/robot_from_mechanism.py",
