@@ -84,6 +84,6 @@ def test_limited_torques_hold_the_springs_that_terms_stand_for(mjcf: Path) -> No
         loaded = load_robot(toml)
         model = model_with_open_friction(loaded)
         (torque,) = build(loaded, model).constraints
-        (values,) = torque.cases
+        ((values, _),) = torque.cases
         assert model.torque_of(still, values)[0] == pytest.approx(sprung)
         assert ("springs" in torque.scope) == bool(term)

@@ -130,7 +130,7 @@ def test_contact_in_calibration_runs_is_found_and_left_out() -> None:
     found, suspected = without_contact(runs, EDGES, 8.0, ROBOT, SIGMA)
     assert [one.run for one in suspected] == ["run2", "run2"]
     assert [round(one.event.start) for one in suspected] == [20, 40]
-    assert "run2 contains contact at 20.0 to 21.5 s" in suspected[0].text
+    assert "run2 contains contact at 20.5 to 21.5 s" in suspected[0].text
     assert 60.0 * 4 - 12.0 < found.duration < 60.0 * 4 - 4.0
     ratio = found.thresholds(20.0).limits / clean.thresholds(20.0).limits
     assert 0.8 < np.nanmin(ratio) and np.nanmax(ratio) < 1.25

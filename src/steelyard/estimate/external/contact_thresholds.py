@@ -91,9 +91,9 @@ class Tail:
         return self.base + float(excesses[order][np.searchsorted(share, RATE_CONFIDENCE)])
 
 
-RATE_CONFIDENCE = 0.99
+RATE_CONFIDENCE = 0.975
 """Share of the tail's laws, by how they explain the maxima, for which a threshold suffices. With
-0.95 thresholds were 4 to 7 % lower after 50 minutes of free motion, 27 % after four, and simulated
+0.95 thresholds were 2 to 3 % lower after 50 minutes of free motion, 15 % after four, and simulated
 arms had as many alarms as stated: a rate is to be an upper bound (`proofs.uses.contact_rates`)."""
 
 RANGES = ("rest", "turning", "slow", "medium", "fast")
