@@ -116,6 +116,21 @@ def test_without_noise_it_is_the_difference_to_a_fit_away_from_rests() -> None:
     assert np.allclose(part.values, TRUTH, atol=1e-4 * np.abs(TRUTH).max())
 
 
+def test_rests_that_count_are_beside_rests_too() -> None:
+    """A law with memory is fitted at rest as well, where it may err as much as others."""
+    rng = np.random.default_rng(0)
+    signals = rng.normal(size=(4, 4, 200))
+    rests = rng.random(200) < 0.3
+    count = Accumulator(REGRESSOR)
+    marked = count(Stretch(*signals, resting=np.tile(rests, (4, 1))))
+    whole, part = (
+        count(Stretch(*(x[:, k].copy() for x in signals))) for k in (rests | True, rests)
+    )
+    np.testing.assert_allclose(marked.grams, whole.grams, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(marked.beside, part.grams, rtol=1e-9, atol=1e-9)
+    assert np.array_equal(marked.counts, whole.counts)
+
+
 def test_where_all_is_beside_rests_nothing_is_reported() -> None:
     information = information_of(0, 0.4, share=1.0)
     fit = WeightedLeastSquares().fit(information)

@@ -52,6 +52,8 @@ def test_rests_count_only_if_wanted(run: Run) -> None:
         np.testing.assert_allclose(matrix, columns.T @ columns, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(vector, columns.T @ effort, rtol=1e-9, atol=1e-9)
         assert square == pytest.approx(float(effort @ effort))
+    for one, other in zip(whole.without_beside().normal(), moving.normal(), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
 
 
 def test_what_is_not_remembered_yet_never_counts(run: Run) -> None:

@@ -43,10 +43,12 @@ class Block:
     weights: Array | None = None
     # which contacts of unknown force touch; `None` if there is none
     touching: Touching | None = None
+    # samples at rest that count all the same, shape `(n, B)`; `None` if rests do not count
+    resting: NDArray[np.bool_] | None = None
 
     def part(self, start: int, stop: int) -> "Block":
         """The samples from `start` to `stop`."""
-        names = ("q", "dq", "ddq", "effort", "moving", "channels", "weights")
+        names = ("q", "dq", "ddq", "effort", "moving", "channels", "weights", "resting")
         given = {name: x for name in names if (x := getattr(self, name)) is not None}
         inside: Any = {name: np.ascontiguousarray(x[:, start:stop]) for name, x in given.items()}
         if self.touching is not None:
@@ -61,11 +63,12 @@ class Block:
             return np.concatenate([getattr(b, name) for b in blocks], axis=-1)
 
         motion = {name: along(name) for name in ("t", "q", "dq", "ddq", "effort", "moving")}
-        channels = None if blocks[0].channels is None else along("channels")
+        given = ("channels", "resting")
+        more = {x: along(x) for x in given if getattr(blocks[0], x) is not None}
         weights = None if all(b.weights is None for b in blocks) else along("counted")
         touching = [b.touching for b in blocks if b.touching is not None]
         found = Touching.joined(touching) if touching else None
-        return cls(blocks[0].segment, **motion, channels=channels, weights=weights, touching=found)
+        return cls(blocks[0].segment, **motion, **more, weights=weights, touching=found)
 
     @property
     def counted(self) -> Array:

@@ -123,6 +123,7 @@ class Stretch:
     # contacts of unknown force, which the rows are made without. Samples of weight 0 then are in no
     # filtered sample, and others count alike
     touching: Touching | None = None
+    resting: NDArray[np.bool_] | None = None  # samples at rest that count all the same, `(n, N)`
 
     def __post_init__(self) -> None:
         if self.channels is None:
@@ -157,8 +158,8 @@ class Sums:
     grams: Array  # packed Gram matrices, `(size,)`
     absolute: Array  # sums of |value|, `(width,)`
     counts: Array  # samples per row, `(rows,)`
-    # of `grams`, the part of filtered samples beside rests: those in which samples of weight 0 have
-    # a share above `RESTING`
+    # of `grams`, the part of filtered samples at rests or beside: those in which samples at rest or
+    # of weight 0 have a share above `RESTING`
     beside: Array
 
     def __iadd__(self, other: "Sums") -> "Sums":
@@ -282,12 +283,15 @@ class Accumulator:
 
     def _beside(self, stretch: Stretch) -> Array | None:
         """Ones of filtered samples beside rests, `(n, outputs)`; `None` if there are none."""
-        n_outputs = self.outputs(stretch.q.shape[1])
-        if stretch.weights is None or n_outputs == 0 or np.all(stretch.weights > 0.0):
+        resting = np.zeros(stretch.q.shape, dtype=np.bool_)
+        if stretch.weights is not None:
+            resting |= stretch.weights == 0.0
+        if stretch.resting is not None:
+            resting |= stretch.resting
+        if self.outputs(stretch.q.shape[1]) == 0 or not resting.any():
             return None
         sizes = np.abs(self.matched.taps)
-        resting = (stretch.weights == 0.0).astype(np.float64)
-        share = self.over_taps(resting, sizes / sizes.sum())
+        share = self.over_taps(resting.astype(np.float64), sizes / sizes.sum())
         return (share > RESTING).astype(np.float64)
 
     def over_taps(self, values: Array, taps: Array) -> Array:

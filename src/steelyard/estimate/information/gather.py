@@ -102,8 +102,9 @@ def start_pass(
     base = signals.base
     accumulator = Accumulator(regressor, matched, base is not None and bool(base.touches))
     # samples before the start is forgotten do not count; nor do rests, unless they are wanted
+    logged = (replace(x, resting=~x.moving) if rests else x for x in run.blocks())
     blocks = blocks_with_channels(
-        run.blocks(), regressor.model, lambda block, warm: warm if rests else block.moving & warm
+        logged, regressor.model, lambda block, warm: warm if rests else block.moving & warm
     )
     apart = max(run.duration * run.rate / LEAST_WINDOWS, SHORTEST * accumulator.halo)
     pieces = cut_pieces(blocks, run.name, accumulator, int(min(longest * run.rate, apart)))
@@ -160,7 +161,9 @@ def cut_pieces(
                     weights = part.weights if weights is None else part.weights * weights
                 stop = float(part.t[min(length, len(part.t)) - 1])
                 motion = part.q, part.dq, part.ddq
-                stretch = Stretch(*motion, part.effort, weights, part.channels, part.touching)
+                stretch = Stretch(
+                    *motion, part.effort, weights, part.channels, part.touching, part.resting
+                )
                 yield Window(name, float(part.t[0]), stop), stretch
                 start += length
             buffered = [] if ended else [joined.part(start, size)]
