@@ -139,6 +139,15 @@ def test_where_all_is_beside_rests_nothing_is_reported() -> None:
     assert not moved_scores(fit, 1.0 / fit.variances, np.linalg.inv(fit.inverse)).any()
 
 
+def test_a_direction_that_rounding_hides_is_none() -> None:
+    """Weights of rows that differ by many powers of ten leave matrices that are hardly definite."""
+    fit = WeightedLeastSquares().fit(information_of(0, 0.4))
+    twice = replace(fit, kept=[*fit.kept, fit.kept[0]])
+    assert away(twice) is None
+    scores = np.eye(len(twice.kept))
+    assert np.isfinite(moved_scores(twice, 1.0 / fit.variances, scores)).all()
+
+
 def test_runs_with_friction_of_their_own_count_it_too() -> None:
     information = information_of(1, 0.4)
     names = tuple(replace(w, run=f"run{k // 4}") for k, w in enumerate(information.windows))

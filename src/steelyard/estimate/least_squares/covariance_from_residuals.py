@@ -82,26 +82,31 @@ def moved_scores(fit: Fit, weights: Array, scores: Array) -> Array:
     kept = fit.kept
     if fit.data.whole.beside is None:
         return np.zeros(len(kept))
-    root = _root(fit, weights)
-    shift = moved(fit, weights, root, kept, root @ scores @ root.T)
-    return np.asarray(np.linalg.solve(root, shift))
+    root, back = _root(fit, weights)
+    return np.asarray(back @ moved(fit, weights, root, kept, root @ scores @ root.T))
 
 
 def away(fit: Fit) -> Fit | None:
     """The same fit to samples that are not beside rests; `None` if they do not identify all."""
     data, weights, kept = fit.data.without_beside(), 1.0 / fit.variances, fit.kept
-    root = _root(fit, weights)
+    root, _ = _root(fit, weights)
     matrix, _, _, _ = data.normal(weights)
     if np.linalg.eigvalsh(root @ matrix[np.ix_(kept, kept)] @ root.T)[0] <= LEAST_EIGENVALUE_AWAY:
         return None
     return replace(solve(data, weights, fit), variances=fit.variances)
 
 
-def _root(fit: Fit, weights: Array) -> Array:
-    """From normal vectors over the columns `fit.kept` to white coordinates."""
+def _root(fit: Fit, weights: Array) -> tuple[Array, Array]:
+    """From normal vectors over the columns `fit.kept` to white coordinates, and back.
+
+    A direction that rounding hides has coordinate zero.
+    """
     kept = fit.kept
     unit, lengths = unit_length(fit.data.normal(weights)[0][np.ix_(kept, kept)])
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(unit)) / lengths)
+    values, vectors = np.linalg.eigh(unit)
+    roots = np.sqrt(np.where(values > len(kept) * np.finfo(float).eps * values[-1], values, 0.0))
+    inverse = np.divide(1.0, roots, out=np.zeros_like(roots), where=roots > 0.0)
+    return (vectors * inverse).T / lengths, lengths[:, None] * vectors * roots
 
 
 WINDOWS = 24  # windows that all runs together are cut into; more make them shorter, without a gain
