@@ -300,6 +300,7 @@ def examine(case: Case, *, quick: bool = False, checks: Sequence[Check] | None =
     """Ask checks, all or quick ones; where clock, positions or efforts are wrong no `OF_MOTION`."""
     every = checks_of(case.loaded.robot.floating) if checks is None else checks
     selected = [s for s in every if s.quick or not quick]
+    case = replace(case, quick=quick)
     by_model = (*OF_MOTION, *OF_FLOATING_BASE)
     selected.sort(key=lambda check: (check in by_model, check is not clock_check))
     findings: list[Finding] = []

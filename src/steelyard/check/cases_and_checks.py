@@ -205,6 +205,7 @@ class Case:
     # the columns' names in joint order
     guesses: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     progress: Progress = silent  # told about long work
+    quick: bool = False  # only what is wrong or doubtful is sought, as before a fit
 
     @property
     def joints(self) -> tuple[str, ...]:

@@ -207,7 +207,7 @@ def _turn_misfit(regressor: Regressor, runs: Sequence[Run], offsets: Array) -> f
     return float(information.n_samples @ np.log(fit.variances))
 
 
-@case_check(ZERO_CAUSE, "Are the joint zeros those of the model file?", quick=False)
+@case_check(ZERO_CAUSE, "Are the joint zeros those of the model file?")
 def joint_zeros_check(case: Case) -> Iterable[Finding]:
     """Zero offsets that explain the residuals of a fit better than anything else.
 
@@ -226,6 +226,8 @@ def joint_zeros_check(case: Case) -> Iterable[Finding]:
         information = information_from(some, rests=model.has_memory)(case.regressor)
         estimate = WeightedLeastSquares(per_run=model.per_run_names)(information)
         ranked = ranked_causes(model, estimate, some)
+        if case.quick and not ranked.of_geometry:
+            return ()
         found = _zeros_by_derivatives(model.robot, ranked, estimated_offsets(model, some))
         if not found.severity and ranked.of_geometry:
             turned = turned_zeros(model, estimate.sigma, some)
