@@ -9,7 +9,7 @@ import pytest
 import steelyard
 from floating_logs import FLAG, HAND, IMU, TOE, dog, record
 from steelyard.base.arrays import Array
-from steelyard.check.decision.places_and_bias_beside_bodies import Bounds, FittedVector
+from steelyard.check.decision.small_errors_beside_free_bodies import Bounds, FittedVector
 from steelyard.check.finding import Finding, Severity
 
 NOISE, PUSH = 0.05, 30.0

@@ -10,9 +10,11 @@ import numpy as np
 from steelyard.base.progress import report_progress
 from steelyard.check.cases_and_checks import Case, CaseCheck
 from steelyard.check.decision import gears_and_friction_of_logs, hypothesis_checks
-from steelyard.check.decision.accelerometer_bias import accelerometer_bias_check
-from steelyard.check.decision.contact_places import contact_places_check
 from steelyard.check.decision.joint_zeros_and_quarter_turns import joint_zeros_check
+from steelyard.check.decision.places_and_bias_beside_bodies import (
+    accelerometer_bias_check,
+    contact_places_check,
+)
 from steelyard.check.decision.slipping_feet import slipping_feet_check
 from steelyard.check.decision.small_errors_beside_free_bodies import sensor_place_check
 from steelyard.check.decision.unmeasured_contacts import unmeasured_contacts_check

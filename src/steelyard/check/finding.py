@@ -13,6 +13,7 @@ from steelyard.robot.file.toml_edits import Edit as Edit
 
 MOST_NAMED_JOINTS = 3  # most joints that a place names
 OPEN_WORD = "open"  # the word for a question that could not be answered
+SURE_DEVIATIONS = 6.0  # standard deviations from which on what is fitted is there for certain
 LEAST_PRINTED_PERCENT = 0.01  # least share that is printed [%]
 
 

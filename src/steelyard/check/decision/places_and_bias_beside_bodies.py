@@ -5,8 +5,12 @@ it, of the measured force, or where only flags are logged of the one that fits b
 projection that takes forces out. An accelerometer that shows $b$ too much changes the efforts by
 $-\partial \tau / \partial a \, b$. Both are columns, along the axes of the contacts' frames and of
 the sensor, and are fitted together.
+
+Of a robot that stays about upright a bias along gravity acts like masses that are $b / g$ larger;
+only accelerations, and turns, tell the two apart.
 """
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 
@@ -14,63 +18,27 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.check.cases_and_checks import Case, CheckedLog, remembered
+from steelyard.check.cases_and_checks import Case, CheckedLog, case_check, remembered
 from steelyard.check.decision.small_errors_beside_free_bodies import (
+    NOT_FITTED,
     SAMPLES,
-    SURE_STD,
+    Bounds,
+    FittedVector,
     FreeFit,
     placed,
+    slopes_of,
 )
-from steelyard.check.decision.verdict_of_log import judge_log
-from steelyard.check.hypotheses.evidence_with_unknown_bodies import rows_of
+from steelyard.check.decision.verdict_of_log import SURE, judge_log
+from steelyard.check.finding import Finding, Fix
 from steelyard.check.hypotheses.nuisance_fit_and_score import NUISANCES
 from steelyard.estimate.information.base_parameters_and_regressor import Regressor
 from steelyard.estimate.information.filter_and_gram import Stretch
 from steelyard.estimate.information.gather import start_pass
-from steelyard.robot.file.signals import BaseSignals
+from steelyard.report.words import percent
+from steelyard.robot.file.signals import BaseSignals, Contact, Touch
 from steelyard.runs.run import Run
 
 MOST_SAMPLES = 50_000  # samples of a run without measured forces that are fitted, about
-
-
-@dataclass(frozen=True)
-class Bounds:
-    """When a vector is surely not zero, and when a direction is known."""
-
-    least: float  # length that matters
-    unknown: float  # what must be seen for it to be known
-    sure: float = SURE_STD  # standard deviations from which on it is there
-
-
-@dataclass(frozen=True, eq=False)
-class FittedVector:
-    """A vector of a fit, of which only directions that are known count."""
-
-    value: Array  # in directions that are known, shape `(3,)`
-    covariance: Array  # of all directions, shape `(3, 3)`
-    least: float  # length from which on it is surely not zero, whatever its direction
-    known: bool  # whether all directions are
-    there: bool  # whether it is surely not zero
-    gain: float  # by how much the log-likelihood rises with it and all of its kind
-
-    @classmethod
-    def of(cls, value: Array, covariance: Array, gain: float, bounds: Bounds) -> "FittedVector":
-        """Of an estimate."""
-        finite = np.isfinite(np.diag(covariance))
-        variances, axes = np.linalg.eigh(np.where(np.outer(finite, finite), covariance, 0.0))
-        far = bounds.sure * np.sqrt(np.maximum(variances, 0.0))
-        seen = far <= bounds.unknown
-        along = np.where(seen, axes.T @ np.where(finite, value, 0.0), 0.0)
-        size = float(np.linalg.norm(along))
-        own = float(np.linalg.norm(far * along)) / max(size, 1e-300)
-        least = max(bounds.least, float(far[seen].max(initial=0.0)))
-        known = bool(seen.all() and finite.all())
-        return cls(axes @ along, covariance, least, known, size >= max(bounds.least, own), gain)
-
-    @property
-    def size(self) -> float:
-        """Its length."""
-        return float(np.linalg.norm(self.value))
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,13 +49,15 @@ class FittedBeside:
     fit: FreeFit  # three columns per contact, three of the bias, then bodies
     up: Array  # mean proper acceleration along the base link's axes, shape `(3,)` [m/s²]
 
-    def places(self, bounds: Bounds) -> list[FittedVector]:
+    @property
+    def places(self) -> list[FittedVector]:
         """From declared places to those that fit best, along the axes of frames [m]."""
-        return self._vectors(0, len(self.contacts), bounds)
+        return self._vectors(0, len(self.contacts), PLACES)
 
-    def bias(self, bounds: Bounds) -> FittedVector:
+    @property
+    def bias(self) -> FittedVector:
         """Of the accelerometer, along the axes of the base link [m/s²]."""
-        (found,) = self._vectors(len(self.contacts), 1, bounds)
+        (found,) = self._vectors(len(self.contacts), 1, BIAS)
         return found
 
     def _vectors(self, first: int, count: int, bounds: Bounds) -> list[FittedVector]:
@@ -117,15 +87,10 @@ def _of_reading(case: Case, log: CheckedLog) -> FittedBeside | None:
     alone = FreeFit.of(now)
     if samples is None or floating is None or base is None or alone is None:
         return None
-    own = len(now.position) * NUISANCES
-    bodies, columns = alone.values[:-own], rows_of(now)[0][..., :-own]
     q, _, ddq = now.motion()
-    slopes = [
-        (rows_of(now.changed(base=base.changed(bias=axis)))[0][..., :-own] - columns) @ bodies
-        for axis in np.eye(3)
-    ]
+    slopes = slopes_of(now, alone.values[: -len(q) * NUISANCES], "bias")
     levers = -np.einsum("ij,jbk->ibk", now.into_logged(), floating.levers(base, q, samples))
-    fit = FreeFit.of(now, np.concatenate((levers, np.stack(slopes, axis=-1)), axis=-1))
+    fit = FreeFit.of(now, np.concatenate((levers, slopes), axis=-1))
     if fit is None:
         return None
     return FittedBeside(tuple(range(levers.shape[-1] // 3)), fit, ddq[:3].mean(axis=1))
@@ -203,3 +168,125 @@ def _columns(
     levers = stretch.touching.levers(q, lacking, counted)[..., moved]
     mixed = np.einsum("bij,jbk->ibk", stretch.touching.projection(q, counted), slopes)
     return np.concatenate((-levers, mixed), axis=-1)
+
+
+FAR_OFF = 0.1  # distance of a contact from which on another error is as likely [m]
+PLACES, BIAS = Bounds(least=0.005, unknown=0.01), Bounds(least=0.05, unknown=0.5, sure=10.0)
+"""Of places of contacts [m], and of a bias [m/s²]: from half a percent of masses on; slow sways are
+off by 8 deviations."""
+_Place = tuple[Contact | Touch, FittedVector]  # a contact, and how far off it fits best
+
+
+@case_check("contact places", "Do contacts touch where they are declared?")
+def contact_places_check(case: Case) -> Iterable[Finding]:
+    """The points of contacts at which free bodies fit best, of measured forces or of flags."""
+    for log in case.logs:
+        base = log.recording.signals.base
+        contacts = () if base is None else base.touches or base.contacts
+        if all(isinstance(contact, Touch) and contact.sole for contact in contacts):
+            continue
+        found = beside_bodies(case, log)
+        one = NOT_FITTED
+        if found is not None:
+            pairs = zip(found.contacts, found.places, strict=True)
+            one = _places_found([(contacts[k], off) for k, off in pairs])
+        yield replace(one, log=log.name)
+
+
+def _places_found(found: Sequence[_Place]) -> Finding:
+    gain = found[0][1].gain
+    figure = (
+        f"from the declared places, with 95 % intervals: {'; '.join(_words(*x) for x in found)}; "
+        f"log-likelihood rises by {gain:.0f} (doubtful from {1e3 * PLACES.least:g} mm and {SURE:g} "
+        "on)"
+    )
+    if others := [x for x in found if x[1].there]:
+        return _other_places(others, figure)
+    if open_ones := [f"'{contact.frame}'" for contact, off in found if not off.known]:
+        says = (
+            f"these data do not show where forces act at {', '.join(open_ones)} to "
+            f"{1e3 * PLACES.unknown:g} mm: intervals assume that the declared point is right"
+        )
+        return Finding.ok(says, figure, answered=False, headline=True)
+    least = max(off.least for _, off in found)
+    return Finding.ok(f"contacts touch within {1e3 * least:.2g} mm of the declared places", figure)
+
+
+def _words(contact: Contact | Touch, off: FittedVector) -> str:
+    """Where a contact fits best, with its interval, in mm from the declared place."""
+    each = (
+        f"{name} {1e3 * x:+.1f} ± {1e3 * h:.1f}" if np.isfinite(h) else f"{name} unknown"
+        for name, x, h in zip("xyz", off.value, off.half_widths, strict=True)
+    )
+    return f"'{contact.frame}' {', '.join(each)} mm"
+
+
+def _other_places(others: Sequence[_Place], figure: str) -> Finding:
+    each = ", ".join(f"{1e3 * off.size:.3g} mm away at '{x.frame}'" for x, off in others)
+    says = f"contacts may touch at other points than declared: with free link inertias {each}"
+    fits = [
+        f"[{', '.join(f'{x:.4f}' for x in np.array(contact.place) + off.value)}] m at "
+        f"'{contact.frame}'"
+        for contact, off in others
+        if isinstance(contact, Touch)
+    ]
+    advice = "measure where they touch: "
+    advice += (
+        f"position of the contact (fits best: {', '.join(fits)})"
+        if fits
+        else "the frame of the contact, in the model file"
+    )
+    if any(off.size >= FAR_OFF for _, off in others):
+        advice += "; so far off, a sign, an order or a gain that is wrong is as likely"
+    return Finding.doubtful(says, figure, fix=Fix(advice))
+
+
+@case_check("accelerometer bias", "Is the accelerometer of the base without bias?")
+def accelerometer_bias_check(case: Case) -> Iterable[Finding]:
+    """The bias with which free bodies fit best, and the masses that it could be."""
+    for log in case.logs:
+        base = log.recording.signals.base
+        if base is None or base.tracked:
+            continue
+        found = beside_bodies(case, log)
+        yield replace(NOT_FITTED if found is None else _bias_found(found, base), log=log.name)
+
+
+def _bias_found(found: FittedBeside, base: BaseSignals) -> Finding:
+    axes, bias = np.reshape(base.axes, (3, 3)), found.bias
+    size = float(np.linalg.norm(found.up))
+    if not np.isfinite(bias.covariance).all() or size == 0.0:
+        says = "these data do not show a bias of the accelerometer"
+        return Finding.ok(says, answered=False)
+    turned = replace(bias, value=axes.T @ bias.value, covariance=axes.T @ bias.covariance @ axes)
+    up = found.up / size
+    each = ", ".join(
+        f"{name} {x:+.3f} ± {h:.2g}"
+        for name, x, h in zip("xyz", turned.value, turned.half_widths, strict=True)
+    )
+    figure = (
+        f"{each} m/s² along the sensor's axes, with 95 % intervals; log-likelihood rises by "
+        f"{bias.gain:.0f} (doubtful from {bias.least:.2g} m/s² and {SURE:g} on)"
+    )
+    if not bias.there:
+        far = BIAS.sure * float(np.sqrt(up @ bias.covariance @ up))
+        hidden = max(BIAS.least, far)
+        says = (
+            f"a bias of the accelerometer along gravity below {hidden:.2g} m/s² would not be seen, "
+            f"and is not in the intervals: {percent(100.0 * hidden / size)} of all masses"
+        )
+        return Finding.ok(says, figure, answered=False, headline=True)
+    whole = ", ".join(f"{x:.3f}" for x in np.array(base.bias) + turned.value)
+    along = float(up @ bias.value)
+    tilt = float(np.rad2deg(np.linalg.norm(bias.value - along * up) / size))
+    return Finding.doubtful(
+        f"the accelerometer may have a bias of {bias.size:.2g} m/s²: with free link inertias that "
+        f"fits better, and without it {percent(100.0 * abs(along) / size)} of all masses would be "
+        "wrong",
+        figure,
+        fix=Fix(
+            "measure it, with the base at rest on all its sides, and state it in [signals.base]: "
+            f"acceleration_bias = [{whole}] fits best; a mounting that is off by {tilt:.2g}° has a "
+            "similar effect across gravity"
+        ),
+    )

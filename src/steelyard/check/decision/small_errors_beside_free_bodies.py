@@ -11,22 +11,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Z95, Array
 from steelyard.check.cases_and_checks import Case, CheckedLog, case_check, remembered
 from steelyard.check.decision.verdict_of_log import SURE, judge_log
-from steelyard.check.finding import Finding, Fix
+from steelyard.check.finding import SURE_DEVIATIONS, Finding, Fix
 from steelyard.check.hypotheses.evidence_with_unknown_bodies import rows_of
 from steelyard.check.hypotheses.nuisance_fit_and_score import NUISANCES
 from steelyard.check.hypotheses.readings_and_likelihood import Reading
 
 SAMPLES = 600  # samples of a fit
-PLACE_STEP = 0.01  # step of the derivative by the place [m]
+VECTOR_STEP = 0.01  # step of derivatives by a place or a bias [m; m/s²]
 RIDGE = 1e-9  # of the columns, relative to their lengths
-FITS = 3  # least squares, each with the noise that the one before leaves
-ROUNDS = 3  # fits of bodies and place, one after the other
-LEAST_PLACE, LEAST_SHARE = 0.05, 0.4
-"""Distance from the declared place, and share of the weight that is removed, that matter."""
-SURE_STD = 6.0  # standard deviations from which on one is there
+FITS = 3  # least squares, each with the noise, or about the place, that the one before leaves
+LEAST_SHARE = 0.4  # share of the weight that is removed that matters
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +80,6 @@ class FreeFit:
         found[range(first), range(first)] += np.where(np.isfinite(sizes[:first]), 0.0, np.inf)
         return np.asarray(found / self.worth)
 
-    def std(self, first: int) -> Array:
-        """Standard deviations of the first values."""
-        return np.asarray(np.sqrt(np.diag(self.covariance(first))))
-
 
 def _inverse(squares: Array) -> Array:
     """The inverse of mean squares `(n,)`, zero of rows in which nothing is."""
@@ -110,69 +103,93 @@ def explained(case: Case, log: CheckedLog) -> Reading | None:
     return decision.search.best.reading
 
 
+@dataclass(frozen=True)
+class Bounds:
+    """When a vector is surely not zero, and when a direction is known."""
+
+    least: float  # length that matters
+    unknown: float  # what must be seen for it to be known
+    sure: float = SURE_DEVIATIONS  # standard deviations from which on it is there
+
+
+SENSOR_PLACE = Bounds(least=0.05, unknown=1.0)  # [m]
+
+
 @dataclass(frozen=True, eq=False)
-class FittedPlace:
-    """Where the sensor of a base fits best."""
+class FittedVector:
+    """A vector of a fit, of which only directions that are known count."""
 
-    place: Array  # shape `(3,)` [m]
-    far: float  # from that of the reading [m]
-    std: float  # its standard deviation [m]
-    gain: float  # by how much the log-likelihood rises
+    value: Array  # in directions that are known, shape `(3,)`
+    covariance: Array  # of all directions, shape `(3, 3)`
+    least: float  # length from which on it is surely not zero, whatever its direction
+    known: bool  # whether all directions are
+    there: bool  # whether it is surely not zero
+    gain: float  # by how much the log-likelihood rises with it and all of its kind
+
+    @classmethod
+    def of(cls, value: Array, covariance: Array, gain: float, bounds: Bounds) -> "FittedVector":
+        """Of an estimate."""
+        finite = np.isfinite(np.diag(covariance))
+        variances, axes = np.linalg.eigh(np.where(np.outer(finite, finite), covariance, 0.0))
+        far = bounds.sure * np.sqrt(np.maximum(variances, 0.0))
+        seen = far <= bounds.unknown
+        along = np.where(seen, axes.T @ np.where(finite, value, 0.0), 0.0)
+        size = float(np.linalg.norm(along))
+        own = float(np.linalg.norm(far * along)) / max(size, 1e-300)
+        least = max(bounds.least, float(far[seen].max(initial=0.0)))
+        known, there = bool(seen.all() and finite.all()), size >= max(bounds.least, own)
+        return cls(axes @ along, covariance, least, known, there and gain >= SURE, gain)
 
     @property
-    def least(self) -> float:
-        """Distance from which on it is another place [m]."""
-        return max(LEAST_PLACE, SURE_STD * self.std)
+    def size(self) -> float:
+        """Its length."""
+        return float(np.linalg.norm(self.value))
 
     @property
-    def other(self) -> bool:
-        """Whether it is clearly another place."""
-        return self.far >= self.least and self.gain >= SURE
+    def half_widths(self) -> Array:
+        """Half of the 95 % intervals along the axes, shape `(3,)`."""
+        return np.asarray(Z95 * np.sqrt(np.diag(self.covariance)))
+
+
+def slopes_of(now: Reading, bodies: Array, name: str) -> Array:
+    """Efforts of bodies `(n, N, 3)` per unit of a vector of the base's reading, along its axes."""
+    base = now.base
+    assert base is not None
+    columns, found = rows_of(now)[0][..., : len(bodies)], list[Array]()
+    for axis in np.eye(3):
+        other = base.changed(**{name: getattr(base, name) + VECTOR_STEP * axis})
+        moved = rows_of(now.changed(base=other))[0][..., : len(bodies)]
+        found.append((moved - columns) @ bodies / VECTOR_STEP)
+    return np.stack(found, axis=-1)
 
 
 @remembered
-def fitted_place(reading: Reading) -> FittedPlace | None:
-    """The place of the sensor at which free bodies fit best; `None` if they cannot be fitted."""
+def fitted_place(reading: Reading) -> FittedVector | None:
+    """From the place of the sensor to that at which free bodies fit best [m]; `None` if none do."""
     now = reading.on(reading.likelihood.thinned(SAMPLES))
-    logs, std = list[float](), np.full(3, np.inf)
-    own = len(now.position) * NUISANCES
-    for number in range(ROUNDS):
-        fit = FreeFit.of(now)
-        if fit is None:
-            return None
-        logs.append(fit.log)
-        bodies, columns = fit.values[:-own], rows_of(now)[0][..., :-own]
-        slopes = [
-            (rows_of(at_place(now, place_of(now) + PLACE_STEP * axis))[0][..., :-own] - columns)
-            @ bodies
-            for axis in np.eye(3)
-        ]
-        beside = FreeFit.of(now, np.stack(slopes, axis=-1) / PLACE_STEP)
+    first = fit = FreeFit.of(now)
+    moved, own = np.zeros(3), len(now.position) * NUISANCES
+    if first is None or fit is None or reading.base is None:
+        return None
+    for _ in range(FITS):
+        skipped = len(fit.values) - len(first.values)  # those of the place
+        beside = FreeFit.of(now, slopes_of(now, fit.values[skipped:-own], "place"))
         if beside is None:
             return None
-        std = beside.std(3)
-        if number + 1 < ROUNDS:
-            now = at_place(now, place_of(now) + beside.values[:3])
-    far = float(np.linalg.norm(place_of(now) - place_of(reading)))
-    return FittedPlace(place_of(now), far, float(np.linalg.norm(std)), max(logs) - logs[0])
-
-
-def place_of(reading: Reading) -> Array:
-    """Place of the sensor on the base link, `(3,)` [m]."""
-    assert reading.base is not None
-    return reading.base.place
-
-
-def at_place(reading: Reading, place: Array) -> Reading:
-    """A reading with the sensor on another place."""
-    assert reading.base is not None
-    return reading.changed(base=reading.base.changed(place=place))
+        fit, moved = beside, moved + beside.values[:3]
+        now = now.changed(base=reading.base.changed(place=reading.base.place + moved))
+    return FittedVector.of(moved, fit.covariance(3), fit.log - first.log, SENSOR_PLACE)
 
 
 def placed(reading: Reading) -> Reading:
     """A reading with the place of the sensor that fits, where that is clearly another one."""
-    found = fitted_place(reading)
-    return at_place(reading, found.place) if found is not None and found.other else reading
+    found, base = fitted_place(reading), reading.base
+    if found is None or base is None or not found.there:
+        return reading
+    return reading.changed(base=base.changed(place=base.place + found.value))
+
+
+NOT_FITTED = Finding.ok("undecided: free link inertias cannot be fitted", answered=False)
 
 
 @case_check("sensor place", "Is the sensor of the base where it is declared?")
@@ -181,24 +198,25 @@ def sensor_place_check(case: Case) -> Iterable[Finding]:
     for log in case.logs:
         reading = explained(case, log)
         if reading is not None and reading.base is not None:
-            yield replace(_place_found(fitted_place(reading)), log=log.name)
+            found = fitted_place(reading)
+            one = NOT_FITTED if found is None else _place_found(found, reading.base.place)
+            yield replace(one, log=log.name)
 
 
-def _place_found(found: FittedPlace | None) -> Finding:
-    if found is None:
-        return Finding.ok("undecided: free link inertias cannot be fitted", answered=False)
+def _place_found(found: FittedVector, declared: Array) -> Finding:
+    std = float(np.sqrt(np.trace(found.covariance)))
     figure = (
-        f"{found.far:.3f} m from the declared place, standard deviation {found.std:.2g} m, "
+        f"{found.size:.3f} m from the declared place, standard deviation {std:.2g} m, "
         f"log-likelihood rises by {found.gain:.0f} (doubtful from {found.least:.2g} m and {SURE:g} "
         "on)"
     )
-    if not found.other:
+    if not found.there:
         says = f"the sensor of the base is within {found.least:.2g} m of the declared place"
-        return Finding.ok(says, figure, answered=found.least < 1.0)
-    listed = ", ".join(f"{x:.2f}" for x in found.place)
+        return Finding.ok(says, figure, answered=found.known)
+    listed = ", ".join(f"{x:.2f}" for x in declared + found.value)
     return Finding.doubtful(
         f"the sensor of the base may be on another place: with free link inertias ({listed}) m on "
-        f"the base link fits best, {found.far:.2f} m from the declared one",
+        f"the base link fits best, {found.size:.2f} m from the declared one",
         figure,
         fix=Fix(
             "measure where the sensor is: position in mounting, under [signals.base]; a delay of "
@@ -230,9 +248,9 @@ def _weight_found(case: Case, finding: Finding) -> Finding | None:
     alone, beside = FreeFit.of(now), FreeFit.of(now, -lacking[..., None])
     if alone is None or beside is None:
         return None
-    share, std = float(beside.values[0]), float(beside.std(1)[0])
+    share, std = float(beside.values[0]), float(np.sqrt(beside.covariance(1)[0, 0]))
     gain = beside.log - alone.log
-    if share < max(LEAST_SHARE, SURE_STD * std) or gain < SURE:
+    if share < max(LEAST_SHARE, SURE_DEVIATIONS * std) or gain < SURE:
         return None
     return Finding.doubtful(
         f"efforts seem to lack {100.0 * share:.0f} % of the gravity of the model file's masses: "

@@ -41,7 +41,7 @@ from steelyard.check.decision.search_with_unknown_bodies import (
     says_the_same,
     undone,
 )
-from steelyard.check.finding import Severity
+from steelyard.check.finding import SURE_DEVIATIONS, Severity
 from steelyard.check.hypotheses.gravity_payload_and_delay import axis_near, delay_hypotheses
 from steelyard.check.hypotheses.hypotheses_and_their_scores import (
     CLOSE_HYPOTHESES,
@@ -68,7 +68,6 @@ it is wrong and a line is written: errors of models weigh as much as 10 on inven
 ROUGH_MISFIT = 25.0  # misfit [%] that a reading may leave in the typical joint to be one
 HEAVIEST_FACTOR = 6.0  # on all efforts, before the links of a nominal model are no excuse
 NOTICED_FACTOR = 2.0  # on all efforts, from which on bodies of another size are mentioned
-SURE_MASS = 6.0  # least payload over its standard deviation
 LEAST_FALL = 2.0  # fall of some joint's misfit that a reading needs against a reference
 LEAST_DELAY = {True: 0.004, False: 0.04}  # least delay [s], with and without a reference
 DELAY_ROWS = 1.5  # the same in rows of the log
@@ -151,7 +150,7 @@ def _judged(before: Hypothesis, winner: Hypothesis, hypotheses: Sequence[Hypothe
         return Severity.OK
     if winner.cause == "payload":
         knowledge, ten = winner.reading.knowledge, winner.reading.payload
-        least = max(least_mass(knowledge), SURE_MASS * winner.spread)
+        least = max(least_mass(knowledge), SURE_DEVIATIONS * winner.spread)
         heavy = ten is not None and abs(ten[0]) > least
         return Severity.WRONG if heavy else Severity.OK
     if winner.cause == "effort delay":

@@ -24,7 +24,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
 from steelyard.check.cases_and_checks import Case, CheckedLog
-from steelyard.check.finding import Edit, Finding, Fix
+from steelyard.check.finding import SURE_DEVIATIONS, Edit, Finding, Fix
 from steelyard.check.hypotheses.gravity_payload_and_delay import LONGEST_DELAY
 from steelyard.check.hypotheses.nuisance_fit_and_score import LikelihoodScore
 from steelyard.check.hypotheses.readings_and_likelihood import Reading
@@ -60,7 +60,6 @@ def presliding_score(reading: Reading) -> LikelihoodScore:
     return replace(scores[0], misfits=np.min([score.misfits for score in scores], axis=0))
 
 
-SURE_FRICTION_SIGN = 6.0  # standard errors by which friction must be negative
 LEAST_NEGATIVE_FRICTION = 0.05
 """Least size of that friction, relative to the joint's effort without its mean."""
 EXPLAINED_BY_FRICTION_FIT = 0.7
@@ -85,13 +84,13 @@ class RowFriction:
         return (
             self.explained >= EXPLAINED_BY_FRICTION_FIT
             and self.size < -LEAST_NEGATIVE_FRICTION
-            and self.size < -SURE_FRICTION_SIGN * self.std
+            and self.size < -SURE_DEVIATIONS * self.std
         )
 
     @property
     def brakes(self) -> bool:
         """Whether friction certainly takes energy."""
-        sure = self.size > SURE_FRICTION_SIGN * self.std
+        sure = self.size > SURE_DEVIATIONS * self.std
         return sure and self.explained >= EXPLAINED_BY_FRICTION_FIT
 
 
@@ -184,9 +183,6 @@ def _friction_of_row(
 
 DELAY_SHIFT = 0.008  # delay that is tried to both sides [s]
 LEAST_RESIDUAL_DELAY = 1e-3  # least delay [s]
-SURE_DELAY = 6.0
-"""The same in standard errors, and in what joints differ by: 4 to 7 where a robot's drives
-look like a delay three times as long as the one that predicts other motion best."""
 FAST = 0.3
 """Share of its top speed from which on a joint is looked at: more slowly, friction that no law has
 looks up to 25 ms late, or 4 ms early."""
@@ -218,7 +214,7 @@ class RowDelays:
     @property
     def sure(self) -> bool:
         """Whether all rows are late, or early, by one time that explains much of the residual."""
-        least = max(LEAST_RESIDUAL_DELAY, SURE_DELAY * self.std)
+        least = max(LEAST_RESIDUAL_DELAY, SURE_DEVIATIONS * self.std)
         return self.rows > 1 and self.gone >= EXPLAINED_BY_DELAY and abs(self.delay) >= least
 
 
@@ -248,7 +244,7 @@ def residual_delay(case: Case) -> Finding | None:
     figure = (
         f"a delay explains {100.0 * found.gone:.0f} % of the squared residual (at least "
         f"{100.0 * EXPLAINED_BY_DELAY:.0f} % required), joints differ by {1e3 * found.spread:.2g} "
-        f"ms (at most {abs(ms) / SURE_DELAY:.2g} allowed)"
+        f"ms (at most {abs(ms) / SURE_DEVIATIONS:.2g} allowed)"
     )
     if against := no_common_delay(case, log, found.delay):
         return Finding.doubtful(f"{says}, but {against}", figure, fix=Fix(NO_DELAY_ADVICE))
@@ -293,9 +289,9 @@ def no_common_delay(case: Case, log: CheckedLog, delay: float) -> str:
     for band, one in found.items():
         if (one.rows > 1 or not band) and one.rows < ROWS_OF_ONE_DELAY * one.moving:
             return f"only {one.rows} of {one.moving} moving joints show one{band}"
-        if one.rows > 1 and SURE_DELAY * one.spread > abs(delay):
+        if one.rows > 1 and SURE_DEVIATIONS * one.spread > abs(delay):
             return f"joints do not share it{band}: they differ by {1e3 * one.spread:.2g} ms"
-        if abs(one.delay - delay) > max(abs(delay) / SURE_DELAY, 2.0 * one.std):
+        if abs(one.delay - delay) > max(abs(delay) / SURE_DEVIATIONS, 2.0 * one.std):
             return f"a fit of the fast motion{band} shows {1e3 * one.delay:.2g} ms"
     return ""
 
