@@ -64,7 +64,7 @@ def edits(case: Case, evidence: CheckedLog) -> tuple[Edit, ...]:
     last = decision.written[-1].reading
     causes = dict.fromkeys(hypothesis.cause for hypothesis in decision.written)
     found = [e for c in causes for e in edits_of(c, last, case.loaded)]
-    found += velocity_edits(evidence, last)
+    found += velocity_edits(case, evidence, last)
     whole = tuple({edit.path: edit for edit in found}.values())
     return whole if confirmed(case, evidence, whole, decision) else ()
 

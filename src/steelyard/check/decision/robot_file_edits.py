@@ -27,6 +27,7 @@ from steelyard.check.hypotheses.sensors_contacts_and_limbs import (
     SENSOR_MOUNTING,
     roll_pitch_yaw,
 )
+from steelyard.check.signals.motion_units import unit_reading
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.sections import Gain
 from steelyard.robot.file.signals import MOTOR_KINDS, Signals
@@ -196,41 +197,23 @@ def file_gains(likelihood: Likelihood, loaded: LoadedRobot) -> Array:
     return likelihood.gains
 
 
-SAME_VELOCITY_CORRELATION = 0.8  # correlation from which on a velocity belongs to a position
-
-
-def velocity_edits(log: CheckedLog, reading: Reading) -> tuple[Edit, ...]:
+def velocity_edits(case: Case, log: CheckedLog, reading: Reading) -> tuple[Edit, ...]:
     """What declared velocities need beside positions of a reading; nothing without any."""
     before, s = reading.likelihood.declared, log.recording.signals
-    turned = not np.array_equal(np.sign(reading.position_scale), np.sign(before.position_scale))
-    logged = log.samples.dq
-    if not (turned or reading.position != before.position):
+    columns = list(reading.position)
+    turned = np.sign(reading.position_scale) * np.sign(before.position_scale)[columns]
+    if s.velocity is None or s.velocity_scale is None:
         return ()
-    if s.velocity is None or logged is None or s.velocity_scale is None:
+    if reading.position == before.position and (turned > 0.0).all():
         return ()
-    from scipy.optimize import linear_sum_assignment
-
-    x, t = reading.likelihood.excerpt, log.samples.t
-    good = np.isfinite(t) & np.isfinite(logged).all(axis=1)
-    t, dq = t[good], np.clip(logged[good], -1e3, 1e3)
-    times = np.argsort(t, kind="stable")
-    rates = np.array([np.interp(x.t + x.origin, t[times], column[times]) for column in dq.T])
-    if s.position_map is not None:
-        rates = np.asarray(np.linalg.solve(s.position_map, rates))
-    derived = reading.position_scale[:, None] * x.dz[list(reading.position)]
-    size = np.outer(np.linalg.norm(derived, axis=1), np.linalg.norm(rates, axis=1))
-    table = derived @ rates.T / np.maximum(size, 1e-300)  # correlations, joints by columns
-    n, own_place = len(table), np.arange(len(table))
-    order = linear_sum_assignment(-np.abs(table) - 1e-6 * np.eye(n))[1]
-    correlated = np.abs(table[own_place, order]) >= SAME_VELOCITY_CORRELATION
-    order = np.where(correlated, order, reading.position)
-    if not np.array_equal(np.sort(order), own_place):
-        return ()
-    found = []
-    if not np.array_equal(order, own_place):
+    order, signs, agreed = np.arange(s.n), np.ones(s.n), unit_reading(case, log).agreement
+    if agreed is not None:  # velocities that are those of other positions as declared
+        known = agreed.reliable_joints
+        order, signs = agreed.order, np.where(known, np.sign(agreed.scale), 1.0)
+    order, own, found = order[columns], np.sign(s.velocity_scale), list[Edit]()
+    if not np.array_equal(order, np.arange(s.n)):
         found.append(Edit(("signals", "velocity"), [s.velocity[c] for c in order]))
-    own = np.sign(s.velocity_scale)
-    signs = np.where(correlated, np.sign(table[own_place, order]), 1.0) * own[order]
+    signs = signs[columns] * turned * own[order]
     if not np.array_equal(signs, own):
         found.append(Edit(("signals", "velocity_sign"), [int(x) for x in signs]))
     return tuple(found)
