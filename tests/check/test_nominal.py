@@ -28,14 +28,14 @@ from steelyard.check.decision import verdict_of_log
 from steelyard.check.decision.drive_gains_and_what_init_learns import _listed_sources
 from steelyard.check.decision.hypothesis_checks import EFFORT_DELAY, EFFORT_SIGN
 from steelyard.check.decision.ranked_readings import ranking
-from steelyard.check.decision.search_with_unknown_bodies import LIKELY
 from steelyard.check.decision.undecided_questions import misfit_hides
-from steelyard.check.decision.verdict_of_log import SURE, judge_log
+from steelyard.check.decision.verdict_of_log import judge_log
 from steelyard.check.finding import Edit, Severity
 from steelyard.check.findings_text_and_page import check_headline
 from steelyard.check.hypotheses import evidence_with_unknown_bodies
 from steelyard.check.hypotheses.evidence_with_unknown_bodies import EvidenceOfLog
 from steelyard.check.hypotheses.gravity_payload_and_delay import _DirectionResidual
+from steelyard.check.hypotheses.hypotheses_and_their_scores import LIKELY, SURE
 from steelyard.model.model import Model
 from steelyard.robot.file.toml_edits import edited
 from steelyard.runs.processing_choices import Processing

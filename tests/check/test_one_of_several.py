@@ -8,11 +8,11 @@ import pytest
 from check.conftest import Arm
 from steelyard.base.arrays import Array
 from steelyard.check.decision.ranked_readings import ranking
-from steelyard.check.decision.search_with_unknown_bodies import LIKELY, Explanation, Search
+from steelyard.check.decision.search_with_unknown_bodies import Explanation, Search
 from steelyard.check.decision.undecided_questions import undecided
 from steelyard.check.decision.verdict_of_log import SHOWN_EXPLANATIONS, _contested, one_of_several
 from steelyard.check.finding import Severity
-from steelyard.check.hypotheses.hypotheses_and_their_scores import Hypothesis
+from steelyard.check.hypotheses.hypotheses_and_their_scores import LIKELY, Hypothesis
 from steelyard.check.hypotheses.readings_and_likelihood import Reading
 
 

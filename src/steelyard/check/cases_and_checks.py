@@ -15,7 +15,12 @@ from steelyard.base.errors import DataError, LogError, SteelyardError
 from steelyard.base.motion import Motion
 from steelyard.base.progress import Progress, silent
 from steelyard.check.finding import Finding
-from steelyard.check.signals.usable_rows import LEAST_ROWS, SignalOverview, good_rows
+from steelyard.check.signals.usable_rows import (
+    LEAST_ROWS,
+    SHORTEST_STRETCH,
+    SignalOverview,
+    good_rows,
+)
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.estimate.information.gather import gather
@@ -30,6 +35,7 @@ from steelyard.model.terms.axes_and_fields import finds_of
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES
 from steelyard.robot.robot import Robot
+from steelyard.runs.first_pass_over_recording import EXCERPT_ROWS
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing
 from steelyard.runs.recording import Channels, LoggedSamples, Recording
@@ -129,12 +135,6 @@ def effort_predictor(reference: IdentifiedModel | None, robot: Robot) -> EffortP
     )
 
 
-EXCERPT_ROWS = 100_000  # rows of a log that are looked at one by one
-FEWEST_WINDOW_ROWS = 50
-"""Rows of the shortest window in seconds that is looked at alone. If there are fewer, the clock may
-be misread, which only the whole log shows."""
-
-
 @dataclass(frozen=True, eq=False)
 class CheckedLog:
     """One log as the robot file reads it; whatever takes time is computed once, on first use."""
@@ -161,7 +161,8 @@ class CheckedLog:
         if np.isfinite(cut.seconds).any():
             with suppress(LogError):
                 within = rows_between(self.recording, cut.seconds, EXCERPT_ROWS)
-                if within[1] - within[0] >= FEWEST_WINDOW_ROWS:
+                # of fewer the clock may be misread, which only the whole log shows
+                if within[1] - within[0] >= SHORTEST_STRETCH:
                     start, stop = within
         return start, start + EXCERPT_ROWS if stop is None else min(stop, start + EXCERPT_ROWS)
 

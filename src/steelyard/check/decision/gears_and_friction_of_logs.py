@@ -12,10 +12,10 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.check.cases_and_checks import Case, CheckedLog, case_check, log_check
-from steelyard.check.decision.ranked_readings import DECISIVE_GAIN
 from steelyard.check.decision.undecided_questions import misfit_hides
 from steelyard.check.decision.verdict_of_log import judge_log
 from steelyard.check.finding import Finding, Fix, Picture, Trace
+from steelyard.check.hypotheses.hypotheses_and_their_scores import SURE
 from steelyard.check.hypotheses.nuisance_fit_and_score import LEAST_SAMPLE_COUNT
 from steelyard.check.hypotheses.readings_and_likelihood import Likelihood
 from steelyard.robot.file.signals import MOTOR_KINDS
@@ -58,15 +58,13 @@ def transmission_check(case: Case, log: CheckedLog) -> Finding | None:
     readings = [last.reading.on(with_gears(likelihood, other.matrix)) for other in others]
     rises = [reading.log_likelihood - now.log_likelihood for reading in readings]
     best = max(rises, default=-np.inf)
-    near = [o for o, rise in zip(others, rises, strict=True) if rise > -DECISIVE_GAIN]
-    figure = (
-        f"log-likelihood of the best other gears {best:+.0f}, at most {-DECISIVE_GAIN:g} required"
-    )
+    near = [o for o, rise in zip(others, rises, strict=True) if rise > -SURE]
+    figure = f"log-likelihood of the best other gears {best:+.0f}, at most {-SURE:g} required"
     if not near:
         return Finding.ok("other signs of gear ratios and other couplings fit worse", figure)
     first, misfit = int(np.argmax(rises)), f"{now.percent:.1f} %"
     says, other = others[first].says, f"{readings[first].percent:.1f} %"
-    if best > DECISIVE_GAIN:
+    if best > SURE:
         says = f"{says} fits clearly better: misfit {other}, as declared {misfit}"
         return Finding.doubtful(says, figure, fix=COMPARE_RATIOS)
     signs, couplings = (

@@ -16,19 +16,18 @@ from steelyard.check.decision.drive_gains_and_what_init_learns import (
 from steelyard.check.decision.joint_zeros_and_quarter_turns import quarter_turns
 from steelyard.check.decision.ranked_readings import HOPELESS_MISFIT, Judged, LogVerdict
 from steelyard.check.decision.robot_file_edits import confirmed, edits_of, velocity_edits
-from steelyard.check.decision.search_with_unknown_bodies import LIKELY, least_mass
+from steelyard.check.decision.search_with_unknown_bodies import least_mass
 from steelyard.check.decision.small_errors_beside_free_bodies import removed_weight
 from steelyard.check.decision.undecided_questions import UNTIL_OTHER, misfit_hides, undecided
 from steelyard.check.decision.verdict_of_log import (
     CLEAN,
     FREE_INERTIAS,
-    SURE,
     friction_alone_explains,
     judge_log,
     least_delay,
 )
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Picture, Severity, trace
-from steelyard.check.hypotheses.hypotheses_and_their_scores import Hypothesis
+from steelyard.check.hypotheses.hypotheses_and_their_scores import LIKELY, SURE, Hypothesis
 from steelyard.check.hypotheses.position_and_effort_hypotheses import ZERO_CAUSE, zero_offsets
 from steelyard.check.hypotheses.sensors_contacts_and_limbs import (
     CONTACTS,

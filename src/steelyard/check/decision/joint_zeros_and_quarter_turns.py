@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError, SteelyardError
 from steelyard.check.cases_and_checks import Case, CheckedLog, case_check
-from steelyard.check.decision.ranked_readings import DECISIVE_GAIN
 from steelyard.check.decision.robot_file_edits import zero_edits
 from steelyard.check.decision.undecided_questions import UNKNOWN_GAINS
 from steelyard.check.decision.verdict_of_log import CLEAN, STRIKING, judge_log
@@ -36,6 +35,7 @@ from steelyard.check.fitted.fitted_case_causes_and_constraints import (
     ranked_causes,
     worst_residual_words,
 )
+from steelyard.check.hypotheses.hypotheses_and_their_scores import SURE
 from steelyard.check.hypotheses.position_and_effort_hypotheses import (
     ZERO_CAUSE,
     zero_near,
@@ -304,7 +304,7 @@ def _quarter_turn_found(
 ) -> Iterator[Finding]:
     tried = {x: reduce(lambda reading, one: reading.with_zero(*one), x, now) for x in turns}
     # turns that fit about as well as any, the best first; none with a joint more than it needs
-    least = max(reading.log_likelihood for reading in tried.values()) - DECISIVE_GAIN
+    least = max(reading.log_likelihood for reading in tried.values()) - SURE
     near = [x for x in turns if tried[x].log_likelihood > least]
     near.sort(key=lambda x: -tried[x].log_likelihood)
     near = [x for x in near if not any(set(y) < set(x) for y in near)]

@@ -28,8 +28,9 @@ from steelyard.check.decision.small_errors_beside_free_bodies import (
     placed,
     slopes_of,
 )
-from steelyard.check.decision.verdict_of_log import SURE, judge_log
+from steelyard.check.decision.verdict_of_log import judge_log
 from steelyard.check.finding import Finding, Fix
+from steelyard.check.hypotheses.hypotheses_and_their_scores import SURE
 from steelyard.check.hypotheses.nuisance_fit_and_score import NUISANCES
 from steelyard.estimate.information.base_parameters_and_regressor import Regressor
 from steelyard.estimate.information.filter_and_gram import Stretch

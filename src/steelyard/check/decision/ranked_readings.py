@@ -21,6 +21,8 @@ from steelyard.check.hypotheses.gravity_payload_and_delay import (
 from steelyard.check.hypotheses.hypotheses_and_their_scores import (
     AS_DECLARED,
     CLOSE_HYPOTHESES,
+    LIKELY,
+    SURE,
     Hypothesis,
     scored,
 )
@@ -43,8 +45,6 @@ from steelyard.robot.file.signals import Signals
 BAD_JOINT_MISFIT = 0.12  # misfit of a joint from which on a reading is bad, with a reference
 EXPECTED_MISFIT_FACTOR = 3.0  # the same over what the reference's own residuals come to
 HOPELESS_MISFIT = 0.9
-DECISIVE_GAIN = 20.0  # log-likelihood that a winner must gain for what it leaves to be looked at
-SUSPECT_GAIN = 10.0  # gain for which others are looked at where the reading is fine
 CAUSES_OF_OTHER_CHECKS = ("position unit", "clock")  # reported there; what they leave is for later
 COMPARING_PHASE = "comparing explanations: order, signs, units, gains, mounting"
 """The phase of the work that the checks share."""
@@ -140,7 +140,7 @@ def ranking(case: Case, evidence: CheckedLog) -> LogVerdict | None:
         rounds.append(_rivals(now, others))
         best = rounds[-1][0]
         gain = best.log_likelihood - now.log_likelihood
-        if gain < DECISIVE_GAIN or best.cause in CAUSES_OF_OTHER_CHECKS or not has_bad_joint(best):
+        if gain < SURE or best.cause in CAUSES_OF_OTHER_CHECKS or not has_bad_joint(best):
             break
         now = best
     return LogVerdict(first, tuple(rounds))
@@ -198,7 +198,7 @@ def _rivals(now: Hypothesis, others: OtherEfforts) -> tuple[Hypothesis, ...]:
     else:
         found += scored(list(base_hypotheses(reading)))
     found.sort(key=lambda h: -h.log_likelihood)
-    if has_bad_joint(now) or found[0].log_likelihood - now.log_likelihood > SUSPECT_GAIN:
+    if has_bad_joint(now) or found[0].log_likelihood - now.log_likelihood > LIKELY:
         found += [*scored(list(position_changes(reading))), *ratio_hypotheses(reading)]
         found.sort(key=lambda h: -h.log_likelihood)
     if has_bad_joint(found[0]):

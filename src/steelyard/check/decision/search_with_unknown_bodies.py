@@ -23,6 +23,7 @@ from steelyard.check.hypotheses.evidence_with_unknown_bodies import (
 from steelyard.check.hypotheses.floating_base_readings import BaseReading
 from steelyard.check.hypotheses.gravity_payload_and_delay import (
     COMPENSATED,
+    NEAR_AXIS_ANGLE,
     gravity_directions,
     gravity_hypotheses,
     held_hypothesis,
@@ -31,6 +32,7 @@ from steelyard.check.hypotheses.hypotheses_and_their_scores import (
     AS_DECLARED,
     CLOSE_HYPOTHESES,
     FITTED_NUMBER_COST,
+    LIKELY,
     Hypothesis,
     choice_cost,
     scored,
@@ -68,8 +70,6 @@ SAME_FACTOR = 1.25  # factors on efforts up to which they are one
 SAME_TURN = np.cos(np.deg2rad(2.5))  # of the sensor of a floating base
 SAME_WRENCH = 1.1  # factors on wrenches up to which they are one
 SAME_UNIT = 10.0  # typical factors up to which they are of one unit
-SAME_DIRECTION = np.cos(np.deg2rad(8.0))  # of gravity
-LIKELY = 8.0  # log odds from which on what a reading says is doubtful
 LEAST_MASS, LEAST_SHARE = 0.3, 0.02  # least payload [kg], and relative to the arm's mass
 
 
@@ -374,7 +374,7 @@ def alike(cause: str, a: Reading, b: Reading) -> bool:
         return np.array_equal(_signs_of_columns(a), _signs_of_columns(b))
     if cause == "mounting":
         size = float(np.linalg.norm(a.gravity) * np.linalg.norm(b.gravity))
-        along = a.gravity @ b.gravity > SAME_DIRECTION * size
+        along = a.gravity @ b.gravity > np.cos(NEAR_AXIS_ANGLE) * size
         return bool(along) if size > 0.0 else not (a.gravity.any() or b.gravity.any())
     if cause == "effort delay":
         return abs(a.delay - b.delay) < DELAY_STEPS[0]

@@ -13,9 +13,10 @@ import numpy as np
 
 from steelyard.base.arrays import Z95, Array
 from steelyard.check.cases_and_checks import Case, CheckedLog, case_check, remembered
-from steelyard.check.decision.verdict_of_log import SURE, judge_log
+from steelyard.check.decision.verdict_of_log import judge_log
 from steelyard.check.finding import SURE_DEVIATIONS, Finding, Fix
 from steelyard.check.hypotheses.evidence_with_unknown_bodies import rows_of
+from steelyard.check.hypotheses.hypotheses_and_their_scores import SURE
 from steelyard.check.hypotheses.nuisance_fit_and_score import NUISANCES
 from steelyard.check.hypotheses.readings_and_likelihood import Reading
 

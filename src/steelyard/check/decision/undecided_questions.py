@@ -8,7 +8,7 @@ from itertools import chain
 
 import numpy as np
 
-from steelyard.check.decision.ranked_readings import DECISIVE_GAIN, LogVerdict
+from steelyard.check.decision.ranked_readings import LogVerdict
 from steelyard.check.decision.search_with_unknown_bodies import (
     COPIED,
     FACTOR_CAUSES,
@@ -19,6 +19,7 @@ from steelyard.check.decision.search_with_unknown_bodies import (
 )
 from steelyard.check.decision.verdict_of_log import CLEAN, HEAVIEST_FACTOR, friction_alone_explains
 from steelyard.check.hypotheses.evidence_with_unknown_bodies import WIDTHS
+from steelyard.check.hypotheses.hypotheses_and_their_scores import LIKELY, SURE
 from steelyard.check.hypotheses.position_and_effort_hypotheses import (
     ZERO_CAUSE,
     zero_offsets,
@@ -34,9 +35,6 @@ TRIED_FACTORS = {"effort kind": HEAVIEST_FACTOR, "effort unit": 1000.0}
 """Factors on all efforts that must fit clearly worse."""
 NOTICED_SIZE = 1.5  # of all links over the nominal ones: model files are off by less as a whole
 OTHER_GAIN = 1.5  # factor on one joint's effort that must fit clearly worse
-NOTICED_ZERO_RISE = 8.0
-"""Rise of the log-likelihood by a zero offset from which on zeros are not called those of the
-reference: by chance less than once in a thousand logs, and on logs of a UR10e up to 4.4."""
 UNTIL_OTHER = "undecided until"  # another question is decided
 UNKNOWN_GAINS = {
     "gain": 'undecided: unknown gains (gain = "identify") are not compared with the model file',
@@ -146,8 +144,8 @@ def _zeros(reading: Reading) -> str:
     moved = {z: reading.with_zero(z.joint, z.value) for z in zeros if z.identifiable}
     rises = {z: other.log_likelihood - reading.log_likelihood for z, other in moved.items()}
     best = max(rises, key=lambda zero: rises[zero], default=None)
-    if best is not None and rises[best] >= NOTICED_ZERO_RISE:
-        least = max(rises[best] - DECISIVE_GAIN, NOTICED_ZERO_RISE)
+    if best is not None and rises[best] >= LIKELY:
+        least = max(rises[best] - SURE, LIKELY)
         alike = [z.words for z, r in rises.items() if z is not best and r > least]
         others = f" (or of {', '.join(alike)})" if alike else ""
         return (

@@ -32,7 +32,6 @@ from steelyard.check.decision.ranked_readings import (
 from steelyard.check.decision.search_with_unknown_bodies import (
     COPIED,
     FACTOR_CAUSES,
-    LIKELY,
     Explanation,
     Search,
     alike,
@@ -46,6 +45,8 @@ from steelyard.check.hypotheses.gravity_payload_and_delay import axis_near, dela
 from steelyard.check.hypotheses.hypotheses_and_their_scores import (
     CLOSE_HYPOTHESES,
     FITTED_NUMBER_COST,
+    LIKELY,
+    SURE,
     Hypothesis,
 )
 from steelyard.check.hypotheses.nuisance_fit_and_score import MISFIT_FLOOR, LikelihoodScore
@@ -62,16 +63,12 @@ from steelyard.check.hypotheses.sensors_contacts_and_limbs import (
 from steelyard.check.hypotheses.signs_and_delay_by_friction import no_common_delay, presliding_score
 from steelyard.estimate.payload.runs_with_payload import carrier
 
-SURE = 20.0
-"""Log odds of what a reading says of a cause, over all readings that say otherwise, from which on
-it is wrong and a line is written: errors of models weigh as much as 10 on invented robots."""
 ROUGH_MISFIT = 25.0  # misfit [%] that a reading may leave in the typical joint to be one
 HEAVIEST_FACTOR = 6.0  # on all efforts, before the links of a nominal model are no excuse
 NOTICED_FACTOR = 2.0  # on all efforts, from which on bodies of another size are mentioned
 LEAST_FALL = 2.0  # fall of some joint's misfit that a reading needs against a reference
 LEAST_DELAY = {True: 0.004, False: 0.04}  # least delay [s], with and without a reference
 DELAY_ROWS = 1.5  # the same in rows of the log
-LATE_MARGIN = 12.0  # sharper log-likelihood that a delay must gain
 EXPLAINED_BY_FRICTION, FRICTION_FALL = 60.0, 2.0
 """Log-likelihood that bodies must gain, and the factor by which the misfit of some joint must fall,
 beside friction alone."""
@@ -83,7 +80,6 @@ STRIKING, CLEAN = 200.0, 12.0
 although the declared reading is not bad in itself."""
 SIMPLER_FIT = 1.1  # misfit over the best one's up to which a simpler explanation fits as well
 FREE_INERTIAS = "free link inertias"
-NEUTRAL = 2.0  # log odds up to which a log does not show what others do
 NUMBERS = ("gain", "mounting", "effort delay")  # not written where a log does not show them
 MIRRORED = "all {} have the opposite sign"
 ORDER_AND_SIGNS = ("joint order", "position sign", "effort sign")
@@ -174,7 +170,7 @@ def _late(before: Reading, hypothesis: Hypothesis) -> bool:
     if abs(reading.delay - before.delay) < least or (sure and disagrees(hypothesis)):
         return False
     others = [before.score] if sure else [before.score, presliding_score(before)]
-    return all(reading.score.sharp - other.sharp > LATE_MARGIN for other in others)
+    return all(reading.score.sharp - other.sharp > LIKELY for other in others)
 
 
 def least_delay(reading: Reading) -> float:
@@ -281,9 +277,13 @@ def _shared(found: LogVerdict, search: Search, verdicts: Mapping[str, LogVerdict
         reading = copied(best.reading, common.reading)
         (fitted,), loss = search.of.of([reading]), search.loss(reading)
         odds = search.loss(undone(best.reading, declared.reading, cause)) - loss
-        if fitted is None or loss > SURE or odds < (NEUTRAL if cause in NUMBERS else -NEUTRAL):
+        if (
+            fitted is None
+            or loss > SURE
+            or odds < (CLOSE_HYPOTHESES if cause in NUMBERS else -CLOSE_HYPOTHESES)
+        ):
             continue
-        alone = "does not decide" if odds > NEUTRAL else "cannot show"
+        alone = "does not decide" if odds > CLOSE_HYPOTHESES else "cannot show"
         note = f"; known from {', '.join(sure)}"
         note += f", this log alone {alone} it" if odds < SURE else ", for this log as well"
         scored = replace(common, score=fitted.score, evidence=fitted.log, odds=odds, note=note)

@@ -25,7 +25,7 @@ from steelyard.check.fitted.disagreeing_runs_and_passing_forces import (
     passing_force,
 )
 from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
-from steelyard.check.hypotheses.signs_and_delay_by_friction import own_fit
+from steelyard.check.hypotheses.signs_and_delay_by_friction import LEAST_ROW_FREEDOM, own_fit
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap, base_regressor
 from steelyard.estimate.information.filter_and_gram import ParallelFilter
@@ -37,7 +37,6 @@ from steelyard.robot.robot import Coordinate, Robot
 from steelyard.runs.run import Run
 
 LEAST_LEFT_SHARE = 1e-9  # least share of the squared residual that a change is taken to leave
-LEAST_ROW_FREEDOM = 20.0  # degrees of freedom that a row needs
 NOISE_ROUNDS = 4  # iterations of the rows' noise
 
 

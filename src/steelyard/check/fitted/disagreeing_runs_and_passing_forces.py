@@ -31,7 +31,11 @@ from steelyard.check.cases_and_checks import case_check
 from steelyard.check.finding import Finding, Fix
 from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
 from steelyard.check.hypotheses.nuisance_fit_and_score import MISFIT_FLOOR
-from steelyard.check.hypotheses.signs_and_delay_by_friction import own_fit, whitened_columns
+from steelyard.check.hypotheses.signs_and_delay_by_friction import (
+    LEAST_ROW_FREEDOM,
+    own_fit,
+    whitened_columns,
+)
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
@@ -180,7 +184,6 @@ LEAST_EXCESS = 25.0  # squared residual within over that of the other windows, a
 MOST_LEVERAGE = 1.0  # variance of what is predicted over that of the residuals, at most
 PUSHED = 9.0  # squared residual of such a window over that of the others from which on it is pushed
 LONGEST_PAUSE = 2  # windows in a row without force within one stretch
-LEAST_ROW_FREEDOM = 20.0  # degrees of freedom that a row needs
 
 PASSING = "a force acted for a while, as by a contact"
 

@@ -36,7 +36,7 @@ from steelyard.robot.robot import Robot
 TUNGSTEN_DENSITY = 19_300.0  # density [kg/m³]
 SLENDER_LINK = 0.5  # thickness of a link over its length
 SHORTEST, LEAST_LENGTH = 0.3, 0.2  # least length of a link, of the arm's reach and [m]
-TOTAL_MASS_FACTOR = 10.0  # factor between the arm's mass and that of the model file
+OTHER_MASS = 10.0  # factor between a mass and what it is compared with, from which on it is said
 SURE_BOUND = 2.0  # standard deviations that an estimate must be beyond a bound
 DISSIPATIVE_LAWS = (Coulomb.law, Viscous.law)  # friction that would drive if it were negative
 CHECK_EFFORTS = (
@@ -71,9 +71,6 @@ def absurdities(identified: IdentifiedModel) -> tuple[str, ...]:
     return (*_masses(identified), *_driving(identified))
 
 
-LIGHT = 10.0  # factor between a link's mass and what it is compared with, from which on it is said
-
-
 def light_links(identified: IdentifiedModel) -> tuple[str, ...]:
     """Links far lighter than the model file, or both neighbours, say; one sentence each.
 
@@ -97,7 +94,7 @@ def light_links(identified: IdentifiedModel) -> tuple[str, ...]:
         expected = [(nominal, f"{nominal:.3g} kg in the model file")] if nominal > 0.0 else []
         expected.append((beside, f"its neighbours have {beside:.3g} kg or more"))
         mass = float(masses[index])
-        above = [(other, words) for other, words in expected if mass * LIGHT < other]
+        above = [(other, words) for other, words in expected if mass * OTHER_MASS < other]
         if above:
             sure = all(mass + half[index] < other for other, _ in above)
             doubt = "" if sure else "; not sure by its interval"
@@ -152,7 +149,7 @@ def _masses(identified: IdentifiedModel) -> Iterator[str]:
     if nominal <= 0.0 or not all(b.known for b in robot.bodies):
         return
     least, most = total - SURE_BOUND * spread, total + SURE_BOUND * spread
-    if least > TOTAL_MASS_FACTOR * nominal or most < nominal / TOTAL_MASS_FACTOR:
+    if least > OTHER_MASS * nominal or most < nominal / OTHER_MASS:
         yield f"the total mass of the links is {total:.3g} kg, in the model file {nominal:.3g} kg"
 
 
@@ -237,7 +234,7 @@ def load_friction_check(case: FittedCase) -> Iterable[Finding]:
 
 
 SIGNIFICANT_ROTOR = 4.0  # rotor inertia over its standard deviation from which on it is significant
-SIGNIFICANT_ROTOR_SHARE = 0.5  # from which on torques contain those of the rotors
+MOST_ROTORS = 0.5  # share of rotor inertias that says what torques contain
 LINK_SIDE_INSTEAD = 'kind = "link_torque" without rotor_inertia'
 """How a robot file describes sensors on the link side."""
 SEPARABLE_ROTORS = "rotor inertias (those separable from link inertias)"
@@ -261,7 +258,7 @@ def gear_side_check(case: Case) -> Iterable[Finding]:
     values = zip(estimate.parameters.names, estimate.parameters.values, estimate.std, strict=True)
     sure = sum(value > SIGNIFICANT_ROTOR * std for of, value, std in values if of in rotors)
     figure = f"{sure} of {len(rotors)} {SEPARABLE_ROTORS} are significantly positive"
-    if rotors and sure >= SIGNIFICANT_ROTOR_SHARE * len(rotors):
+    if rotors and sure >= MOST_ROTORS * len(rotors):
         return (Finding.ok(f"torques contain those of the rotors: {figure}", figure),)
     says = (
         f"undecided: {figure}; if the sensors are on the link side (Franka, KUKA iiwa, Kinova "
@@ -276,7 +273,6 @@ def rotors_of(estimate: Estimate) -> tuple[str, ...]:
     return tuple(name for name in estimate.parameters.names if law_of(name) is RotorInertia)
 
 
-ZERO_ROTOR_SHARE = 0.5  # of rotor inertias at zero, for the side of gears to be doubtful
 FEWEST_ZERO_ROTORS = 2  # rotor inertias at zero from which on it is
 
 
@@ -302,7 +298,7 @@ def rotors_at_zero(estimate: Estimate, effort_kind: str) -> tuple[tuple[str, ...
     rotors = rotors_of(estimate)
     values = dict(zip(estimate.parameters.names, estimate.parameters.values, strict=True))
     zero = tuple(name for name in rotors if name in estimate.at_bound or values[name] <= 0.0)
-    many = len(zero) >= max(FEWEST_ZERO_ROTORS, ZERO_ROTOR_SHARE * len(rotors))
+    many = len(zero) >= max(FEWEST_ZERO_ROTORS, MOST_ROTORS * len(rotors))
     at_joints = effort_kind == "joint_torque"
     return (zero if many and at_joints else ()), len(rotors)
 

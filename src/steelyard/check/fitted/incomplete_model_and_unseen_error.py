@@ -26,6 +26,7 @@ from steelyard.check.decision.verdict_of_log import judge_log
 from steelyard.check.finding import Finding, Fix, Severity
 from steelyard.check.fitted.causes_of_residuals import Cause, LeftOutGain
 from steelyard.check.fitted.fitted_case_causes_and_constraints import (
+    LEAST_ERROR,
     FittedCase,
     RankedCauses,
     largest_residual,
@@ -43,7 +44,6 @@ from steelyard.runs.run import Run
 
 INCOMPLETE = "the model is incomplete, which the intervals of parameters do not cover"
 INCOMPLETE_RESIDUAL = 2.0  # over the noise's upper bound, of an incomplete model
-LARGE_FIT_ERROR = 10.0  # error of fitted runs [%] from which on unknown noise is reported
 CAUSE_ADVICE = {
     "gain": "Check the gain and unit of this effort",
     "saturation": "Check the gain of this effort at large currents",
@@ -86,7 +86,7 @@ def model_error_check(case: FittedCase) -> Iterable[Finding]:
     if not blamed and not np.isfinite(ratios).any():
         errors = [score.pooled_percent or score.mean_percent for score in case.fitted_scores]
         error, run = max(errors, default=0.0), case.examined[0]
-        if not error > LARGE_FIT_ERROR:
+        if not error > LEAST_ERROR:
             return _impossible(case)
         says = (
             "residuals could not be compared with noise: the regression cut-off of "
@@ -236,7 +236,6 @@ def _worst(beside: ResidualNoise) -> str:
 
 UNSEEN_ERROR_FACTOR = 2.0  # RMS error over the fit's residuals for a reason to be looked for
 FAR_UNSEEN_ERROR = 4.0  # the same from which on an error without explanation is reported
-LARGE_UNSEEN_ERROR = 10.0  # typical error [%] below which none without reason is remarkable
 NEAR_OWN_ERROR, LEAST_LEFT_ERROR = 3.0, 3.0
 """An explanation leaves no more than so many times the residuals of the fit, or this misfit [%]."""
 MOST_LEFT_ERROR, LEAST_ERROR_FALL = 20.0, 1.3
@@ -301,7 +300,7 @@ def _reason(fit: FittedCase, run: Run, score: RunScore, ratio: float) -> Finding
     own = _own(identified, score)
     if decision is not None and decision.winners and _explains(decision, own):
         return _explained(fit, decision)
-    if ratio < FAR_UNSEEN_ERROR or typical < LARGE_UNSEEN_ERROR:
+    if ratio < FAR_UNSEEN_ERROR or typical < LEAST_ERROR:
         return None
     times = f"{ratio:.0f}" if ratio >= 10.0 else f"{ratio:.1f}"
     figure = f"RMS error {times} times the residuals of the fit, typical error {typical:.1f} %"

@@ -15,12 +15,14 @@ from steelyard.check.cases_and_checks import remembered
 from steelyard.check.hypotheses.evidence_with_unknown_bodies import rows_of
 from steelyard.check.hypotheses.hypotheses_and_their_scores import (
     FITTED_NUMBER_COST,
+    SURE,
     Hypothesis,
     choice_cost,
     likeliest,
 )
 from steelyard.check.hypotheses.nuisance_fit_and_score import (
     MISFIT_FLOOR,
+    MOST_SAMPLE_COUNT,
     SHARP_DELAY_FLOOR,
     shared_fit,
 )
@@ -187,8 +189,6 @@ DIRECTION_RESIDUAL_FLOOR = 1e-4
 DIRECTION_REWEIGHTINGS = 4  # how often rows are weighed by the residuals of the last direction
 LEAST_TILT = np.deg2rad(0.5)
 """Tilt of gravity from a proposed direction from which on it is proposed too [rad]."""
-INDEPENDENT_DIRECTION_SAMPLES, SIGNIFICANT_DIRECTION = 100.0, 20.0
-"""Independent samples of a joint at most, and the rise of the log-likelihood that a tilt needs."""
 
 
 def _directions(now: Reading) -> list[Array]:
@@ -217,9 +217,9 @@ def refined_gravity(found: Reading) -> Array:
     direction, known = start, left.sigma(start)
     for _ in range(DIRECTION_REWEIGHTINGS):
         direction = left.weighted(left.sigma(direction)).least_near(direction)[1]
-    gain = INDEPENDENT_DIRECTION_SAMPLES * float(np.sum(np.log(known / left.sigma(direction))))
+    gain = MOST_SAMPLE_COUNT * float(np.sum(np.log(known / left.sigma(direction))))
     tilt = float(np.arccos(np.clip(start @ direction, -1.0, 1.0)))
-    significant = gain > SIGNIFICANT_DIRECTION and LEAST_TILT < tilt < NEAR_AXIS_ANGLE
+    significant = gain > SURE and LEAST_TILT < tilt < NEAR_AXIS_ANGLE
     return np.asarray(np.linalg.norm(found.gravity) * direction) if significant else found.gravity
 
 

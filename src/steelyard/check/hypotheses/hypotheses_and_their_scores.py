@@ -11,6 +11,10 @@ from steelyard.check.hypotheses.readings_and_likelihood import Reading
 
 FITTED_NUMBER_COST = 5.0  # what a fitted number costs [natural units of likelihood]
 CLOSE_HYPOTHESES = 3.0  # log-likelihood within which two explanations agree equally well
+LIKELY = 8.0  # log odds from which on what a reading says is doubtful
+SURE = 20.0
+"""Log odds of what a reading says of a cause, over all readings that say otherwise, from which on
+it is wrong and a line is written: errors of models weigh as much as 10 on invented robots."""
 
 AS_DECLARED = "as declared"
 

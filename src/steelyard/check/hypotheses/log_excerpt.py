@@ -16,7 +16,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.check.hypotheses.floating_base_readings import BaseSamples, orthonormal
 from steelyard.robot.file.signals import BaseSignals
-from steelyard.runs.first_pass_over_recording import FalseStretches
+from steelyard.runs.first_pass_over_recording import EXCERPT_ROWS, FalseStretches
 from steelyard.runs.floating_base import rotations
 from steelyard.runs.processing_choices import Processing, cutoffs
 from steelyard.runs.recording import Recording
@@ -37,7 +37,6 @@ from steelyard.runs.smoothing.smoothing_methods_and_zero_phase_filters import (
 )
 from steelyard.runs.spectrum_and_period import motion_band
 
-EXCERPT_SOURCE_ROWS = 100_000  # rows of the log that are looked at
 EXCERPT_SAMPLES = 3000  # samples that are kept
 EXCERPT_STRETCHES = 8  # stretches that they are spread over, where a log has more
 OVERSAMPLING = 8.0  # kept samples per period of the cut-off
@@ -209,7 +208,7 @@ def _segments(
     for piece in RowScan(clock, recording).pieces():
         pieces.append(piece)
         false.add(piece.t, piece.x)
-        if sum(len(p.t) for p in pieces) >= EXCERPT_SOURCE_ROWS:
+        if sum(len(p.t) for p in pieces) >= EXCERPT_ROWS:
             break
     whole = tuple(replace(stretch, joints=()) for stretch in false.found())
     if whole and not recording.left_out:

@@ -328,7 +328,7 @@ def delays_of(regressor: Regressor, run: Run) -> RowDelays:
     )
     slope = (late - early) / (2.0 * DELAY_SHIFT)
     bend = (late - 2.0 * left + early) / (2.0 * DELAY_SHIFT**2)
-    moving = (freedom >= 10.0) & (left > 0.0)
+    moving = (freedom >= LEAST_ROW_FREEDOM) & (left > 0.0)
     usable = moving & (bend > 0.0)
     if not usable.any():
         return RowDelays(0.0, np.inf, np.inf, 1.0, 1.0, 0, int(moving.sum()))
@@ -360,6 +360,9 @@ def _squares(information: Information) -> Array:
         own, _, left = own_fit(information.row_gram(row))
         found.append((left, float(information.n_samples[row] - own.shape[1])))
     return np.array(found).T
+
+
+LEAST_ROW_FREEDOM = 20.0  # degrees of freedom that a row needs to say something by itself
 
 
 def whitened_columns(gram: Array) -> Array:

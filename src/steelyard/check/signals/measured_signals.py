@@ -18,7 +18,7 @@ from steelyard.base.errors import SteelyardError
 from steelyard.check.cases_and_checks import Case, CheckedLog, log_check
 from steelyard.check.finding import Finding, Fix, Picture, Severity, of_joints, percent_of, trace
 from steelyard.check.signals.motion_units import driven_joints, unit_reading
-from steelyard.check.signals.usable_rows import SignalOverview, noise_of
+from steelyard.check.signals.usable_rows import SLOW_SHARE, SignalOverview, noise_of
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.robot.init.column_names import Column, Quantity, by_number
 from steelyard.runs.first_pass_over_recording import MOVED
@@ -100,8 +100,7 @@ NOISE_FREE_EFFORTS = {
 }
 """What they are, by whether a model explains them and positions are measured."""
 COMPUTED_EFFORT_ROWS = 20_000
-SPEED_TIME, SLOW_JOINT_SHARE = 0.02, 0.05
-"""Time over which a speed is taken [s], and the share of the fastest below which a joint rests."""
+SPEED_TIME = 0.02  # time over which a speed is taken [s]
 
 
 @log_check("computed efforts", "Are efforts measured, or computed from the motion?", of_rows=True)
@@ -143,7 +142,7 @@ def noise_shares(case: Case, log: CheckedLog) -> tuple[Array, Array]:
     reach = max(1, round(0.5 * SPEED_TIME / max(step, 1e-9)))
     padded = np.pad(q, ((reach, reach), (0, 0)), mode="edge")
     far = np.abs(padded[2 * reach :] - padded[: -2 * reach])
-    moving = far > SLOW_JOINT_SHARE * np.quantile(far, 0.98, axis=0)
+    moving = far > SLOW_SHARE * np.quantile(far, 0.98, axis=0)
     moving &= driven_joints(case, log)
     with np.errstate(invalid="ignore", divide="ignore"):
         of_effort, of_q = (noise_levels(t, x, moving) / x.std(axis=0) for x in (effort, q))

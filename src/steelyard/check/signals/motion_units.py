@@ -33,8 +33,9 @@ from steelyard.robot.robot import Coordinate, JointKind
 from steelyard.runs.first_pass_over_recording import FASTEST_SHARE
 
 SHORTEST_STEP, LONGEST_STEP = 1e-4, 0.25
-"""Steps of a robot's log lie between these [s], give or take `RANGE_SLACK`."""
-RANGE_SLACK = 1.1
+"""Steps of a robot's log lie between these [s], give or take `OUTSIDE_RANGE`."""
+OUTSIDE_RANGE = 1.1
+"""Distance from the middle of a range over half of it, from which on something is outside it."""
 IMPLAUSIBLE_STEP, CHANGED_UNIT_COST, OUTSIDE_COST = 4.0, 1.0, 3.0
 TOO_FAST, TOO_SLOW, DISAGREEING_COST = 2.0, 0.4, 4.0
 """What a reading costs: a step that no log has; a unit that is not the declared one; positions far
@@ -70,7 +71,7 @@ def step_cost(step: float) -> float:
     if step <= 0.0:
         return 0.0
     off = max(SHORTEST_STEP / step, step / LONGEST_STEP)
-    return IMPLAUSIBLE_STEP + log10(off) if off > RANGE_SLACK else 0.0
+    return IMPLAUSIBLE_STEP + log10(off) if off > OUTSIDE_RANGE else 0.0
 
 
 @dataclass(frozen=True, eq=False)

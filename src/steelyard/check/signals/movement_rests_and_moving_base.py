@@ -162,7 +162,6 @@ TURN_WORDS = {*"gyro gyroscope omega angular".split()}
 ACCELERATION_WORDS = {*"acc accel accelerometer acceleration".split()}
 INERTIAL_SENSOR_WORDS = {*"imu gyro gyroscope accelerometer base trunk torso pelvis body".split()}
 """Words of columns of an inertial sensor, of its place, and of what it measures."""
-BASE_ROWS = 20_000
 LEAST_TURN = 0.05  # root mean square about its mean from which on a rate of turn is motion [rad/s]
 LEAST_PULL = 0.03  # the same of a measured acceleration, over its mean length, which is gravity's
 SMOOTH_STEP_SHARE = 0.7  # root mean square of steps over that of values; of noise it is 1.4
@@ -231,8 +230,7 @@ def _inertial_columns(log: CheckedLog, kinds: set[str]) -> tuple[str, ...]:
 
 def _inertial_values(log: CheckedLog, columns: Sequence[str]) -> Array:
     start, stop = log.window
-    last = min(stop, start + BASE_ROWS)
-    x = np.concatenate([*log.log.parts(columns, (start, last)), np.zeros((0, len(columns)))])
+    x = np.concatenate([*log.log.parts(columns, (start, stop)), np.zeros((0, len(columns)))])
     return np.asarray(x[np.isfinite(x).all(axis=1)])
 
 

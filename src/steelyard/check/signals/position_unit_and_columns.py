@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.check.cases_and_checks import EXCERPT_ROWS, Case, CheckedLog, log_check, remembered
+from steelyard.check.cases_and_checks import Case, CheckedLog, log_check, remembered
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, of_joints
 from steelyard.check.signals.motion_units import (
+    OUTSIDE_RANGE,
     SAME_SCALE,
     UnitReading,
     motion_in_units,
@@ -20,6 +21,7 @@ from steelyard.check.signals.velocity_scale_and_lag import AGREEING_CORRELATION
 from steelyard.robot.file.signals import POSITION_UNITS
 from steelyard.robot.init.column_names import Column
 from steelyard.robot.init.guess_efforts_and_gears import beyond_range
+from steelyard.runs.first_pass_over_recording import EXCERPT_ROWS
 
 RATE_UNIT_WORDS = {"s", "rpm", "rads", "degs"}  # last words of the units of velocities
 
@@ -91,9 +93,6 @@ def _misplaced_correlations(
 
 
 NAMED_UNITS = {unit for units in POSITION_UNITS.values() for unit in units}
-OUTSIDE_RANGE = 1.1
-"""Distance from the middle of a joint's range over half of it, above which positions are
-doubtful."""
 MOTOR_RANGE = 3.0  # how far outside positions of motors are at least
 
 

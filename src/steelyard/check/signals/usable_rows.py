@@ -181,7 +181,7 @@ class SignalOverview:
         if v.shape[1] == 0:
             return np.zeros(len(v), dtype=np.bool_)
         speed = np.sqrt(np.square(v).mean(axis=1))
-        steps = RANGE_STEPS * self.resolution[self.channels.q]
+        steps = MOVED_STEPS * self.resolution[self.channels.q]
         spread = np.ptp(self.q, axis=0)
         far = (spread > 0.0) & (spread >= np.maximum(steps, RANGE_NOISE * noise_of(self.q)))
         return np.asarray(far & (speed >= STILL_SHARE * speed[self.channels.base :].max()))
@@ -227,12 +227,12 @@ def _rough(t: Array, q: Array) -> float:
 
 
 SLOPE_WIDTH = 0.02  # standard deviation of the low-pass [s]: half the power is gone at 6.6 Hz
+SLOW_SHARE = 0.05  # share of the fastest speed below which a joint rests
 SHORTEST_WIDTH = 1.5  # the same in samples, at least
 SLOPE_ENDS = 4.0  # widths of the Gaussian on each side that are taken into account
 STILL_SHARE = 3e-4
 """Share of the fastest joint's rms speed below which a joint rests, in whatever unit it is."""
-RANGE_STEPS, RANGE_NOISE = 30.0, 10.0
-"""Range of a joint that moves, in steps of its sensor and in standard deviations of its noise."""
+RANGE_NOISE = 10.0  # range of a joint that moves, in standard deviations of its noise
 
 
 def noise_of(x: Array) -> Array:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.check.signals.usable_rows import (
     SHORTEST_STRETCH,
+    SLOW_SHARE,
     SignalOverview,
     gaussian_slope,
     gaussian_smoothed,
@@ -215,8 +216,6 @@ def rate_by_velocities(
 SAME_DIFFERENCE = 0.1
 """Distance from a difference, over the noise that the difference has from its positions, below
 which a velocity is that difference: a velocity that was measured does not have this noise."""
-FEWEST_MOVING_ROWS = 50  # rows in motion from which on there is a finding
-SLOW_VELOCITY_SHARE = 0.05  # share of the fastest below which a joint rests
 DIFFERENCE_STEP_RANGE = (-0.05, 0.05)
 """How far the step that differences were divided by may be off the clock's."""
 DIFFERENCE_ROUNDING = 1e-6  # the same over the velocities, where positions have no noise
@@ -227,7 +226,7 @@ def one_sided_differences(t: Array, q: Array, dq: Array) -> NDArray[np.bool_]:
 
     Increasing times `(N,)` [s]; positions and, in their unit per second, velocities `(N, n)`.
     """
-    if len(t) < FEWEST_MOVING_ROWS:
+    if len(t) < SHORTEST_STRETCH:
         return np.zeros(q.shape[1], dtype=np.bool_)
     steps, change = np.diff(t)[:, None], np.diff(q, axis=0)
     slopes = (change / steps, change / np.median(steps))
@@ -236,9 +235,9 @@ def one_sided_differences(t: Array, q: Array, dq: Array) -> NDArray[np.bool_]:
 
 def _is_one(slopes: Sequence[Array], dq: Array) -> bool:
     """Whether a velocity, shape `(N,)`, is a slope of its rows, `(N - 1,)`, where it moves."""
-    fast = np.abs(slopes[0]) > SLOW_VELOCITY_SHARE * np.quantile(np.abs(slopes[0]), 0.98)
+    fast = np.abs(slopes[0]) > SLOW_SHARE * np.quantile(np.abs(slopes[0]), 0.98)
     fast &= slopes[1] != 0.0
-    if np.count_nonzero(fast) < FEWEST_MOVING_ROWS:
+    if np.count_nonzero(fast) < SHORTEST_STRETCH:
         return False
     noise = min(float(np.median(np.square(np.diff(x, n=2))[fast[1:-1]])) for x in slopes)
     size = float(np.sqrt(np.mean(np.square(dq))))
