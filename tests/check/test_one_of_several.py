@@ -10,8 +10,8 @@ from steelyard.base.arrays import Array
 from steelyard.check.decision.ranked_readings import ranking
 from steelyard.check.decision.search_with_unknown_bodies import Explanation, Search
 from steelyard.check.decision.undecided_questions import undecided
-from steelyard.check.decision.verdict_of_log import SHOWN_EXPLANATIONS, _contested, one_of_several
-from steelyard.check.finding import Severity
+from steelyard.check.decision.verdict_of_log import _contested, one_of_several
+from steelyard.check.finding import MOST_NAMED, Severity
 from steelyard.check.hypotheses.hypotheses_and_their_scores import LIKELY, Hypothesis
 from steelyard.check.hypotheses.readings_and_likelihood import Reading
 
@@ -92,7 +92,7 @@ def test_more_than_a_few_are_counted_only(search: Search) -> None:
     for k, joints in enumerate(((0,), (1,), (2,), (0, 1), (1, 2))):
         add(search, turned(search, signs(), signs(*joints)), 100.0 - k)
     ((one, _),) = one_of_several(search, ())
-    assert one.says.count("effort of") == SHOWN_EXPLANATIONS and one.says.endswith(", or others")
+    assert one.says.count("effort of") == MOST_NAMED and one.says.endswith(", or others")
 
 
 @pytest.mark.parametrize("rise", [0.5 * LIKELY, -5.0])

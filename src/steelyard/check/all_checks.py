@@ -18,7 +18,7 @@ from steelyard.check.decision.places_and_bias_beside_bodies import (
 from steelyard.check.decision.slipping_feet import slipping_feet_check
 from steelyard.check.decision.small_errors_beside_free_bodies import sensor_place_check
 from steelyard.check.decision.unmeasured_contacts import unmeasured_contacts_check
-from steelyard.check.finding import Edit, Finding, Severity
+from steelyard.check.finding import MOST_NAMED, WRITTEN_DIGITS, Edit, Finding, Severity
 from steelyard.check.fitted import implausible_estimates_and_gear_side
 from steelyard.check.signals import (
     corrupt_and_repeated_rows,
@@ -31,8 +31,6 @@ from steelyard.check.signals.time_stamps_and_scale import clock_check, out_of_or
 from steelyard.check.signals.velocity_check import velocity_check
 from steelyard.report.words import first_names
 
-SHARED_DIGITS = 4
-MOST_NAMED = 4  # logs that a sentence names
 DIFFERENT_FACTORS = 3.0  # standard deviations by which factors of two logs differ if not one number
 SAME_NUMBERS = 0.1  # difference of numbers without an accuracy up to which they are one, relative
 
@@ -139,7 +137,7 @@ def _differ(a: Edit, b: Edit) -> bool:
         return True
     far = float(np.max(np.abs(np.log(first / second))))
     accuracy = DIFFERENT_FACTORS * float(np.hypot(a.spread, b.spread))
-    return far > accuracy + 2.0 * 10.0**-SHARED_DIGITS
+    return far > accuracy + 2.0 * 10.0**-WRITTEN_DIGITS
 
 
 def _middle(values: Sequence[Any]) -> Any:
@@ -148,7 +146,7 @@ def _middle(values: Sequence[Any]) -> Any:
     if all(value == first for value in values):
         return first
     middle = np.atleast_1d(np.median(np.array(values), axis=0))
-    rounded = [float(f"{x:.{SHARED_DIGITS}g}") for x in middle]
+    rounded = [float(f"{x:.{WRITTEN_DIGITS}g}") for x in middle]
     return rounded if isinstance(first, list) else rounded[0]
 
 

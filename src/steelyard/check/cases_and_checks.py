@@ -38,7 +38,7 @@ from steelyard.robot.robot import Robot
 from steelyard.runs.first_pass_over_recording import EXCERPT_ROWS
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing_choices import Processing
-from steelyard.runs.recording import Channels, LoggedSamples, Recording
+from steelyard.runs.recording import Channels, Recording
 from steelyard.runs.rows.clock_and_row_scan import rows_between
 from steelyard.runs.run import Run
 
@@ -178,11 +178,6 @@ class CheckedLog:
     def overview(self) -> SignalOverview:
         """What the good ones of these rows show without trusted units."""
         return good_rows(*self.rows, self.channels)
-
-    @property
-    def samples(self) -> LoggedSamples:
-        """The same rows by name."""
-        return LoggedSamples.of(*self.rows, self.channels)
 
     @cached_property
     def run(self) -> Run | LogError:

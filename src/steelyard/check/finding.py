@@ -11,7 +11,10 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.robot.file.toml_edits import Edit as Edit
 
-MOST_NAMED_JOINTS = 3  # most joints that a place names
+MOST_NAMED = 4  # most logs, joints or places that a sentence names
+MOST_LISTED = 6  # most parameters, bounds or hypotheses that are listed
+WRITTEN_DIGITS = 4  # significant digits of numbers that are written into a robot file
+PICTURE_TIME = 10.0  # length of what pictures of a signal show [s]
 OPEN_WORD = "open"  # the word for a question that could not be answered
 SURE_DEVIATIONS = 6.0  # standard deviations from which on what is fitted is there for certain
 LEAST_PRINTED_PERCENT = 0.01  # least share that is printed [%]
@@ -131,7 +134,7 @@ class Finding:
     @property
     def place(self) -> str:
         """The log and the few joints that it is about, unless its sentence names these."""
-        few = self.joints if len(self.joints) <= MOST_NAMED_JOINTS else ()
+        few = self.joints if len(self.joints) <= MOST_NAMED else ()
         if all(re.search(rf"(?<!\w){re.escape(joint)}(?!\w)", self.says) for joint in few):
             few = ()
         return ": ".join(part for part in (self.log, ", ".join(few)) if part)

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from steelyard.base.arrays import by_key, json_values
 from steelyard.check.all_checks import Diagnosis
-from steelyard.check.finding import OPEN_WORD, Edit, Finding, Fix, Picture
+from steelyard.check.finding import MOST_NAMED, OPEN_WORD, Edit, Finding, Fix, Picture
 from steelyard.report.page import Numbers, Shown, fill, notes, packed, page_of, script_json
 from steelyard.report.words import COLOURS, Level, count, percent
 from steelyard.robot.file.toml_edits import lines_of
@@ -137,14 +137,12 @@ def diagnosis_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
-MOST_SHOWN_FINDINGS = 3  # findings of one check and severity that are shown one by one
 PAYLOAD_CHECK = "payload"  # the check whose masses a fitted model corrects
 MASS_ERROR_NOTE = (
     "; this mass contains the errors of the model file's masses: where a line with ! names one by "
     "the identified model, rely on its interval"
 )
 """What a note says of such a mass."""
-MOST_NAMED_LOGS = 4  # logs that are named after them
 
 
 def print_findings(
@@ -226,8 +224,8 @@ def _brief(group: Group) -> str:
     said = [finding for finding in group if finding.brief]
     if len(group) == 1:
         return group[0].brief
-    briefs = [f"{f.log}: {f.brief}" for f in said[:MOST_SHOWN_FINDINGS]]
-    more = len(said) - MOST_SHOWN_FINDINGS
+    briefs = [f"{f.log}: {f.brief}" for f in said[:MOST_NAMED]]
+    more = len(said) - MOST_NAMED
     return "; ".join([*briefs, *[f"and {more} more logs"] * (more > 0)])
 
 
@@ -236,14 +234,14 @@ def _found(group: Group) -> Text:
     if not group[0].severity:
         return Text.assemble((_speaks(group), "dim"), group[0].says)
     shown = []
-    for one, *same in by_edits(group[:MOST_SHOWN_FINDINGS]):
+    for one, *same in by_edits(group[:MOST_NAMED]):
         place = [(f"{one.place}: ", "bold")] if one.place else []
         figure = [(f"\n{one.figure}", "dim")] if one.figure else []
         shown.append(Text.assemble(*place, one.says, *figure))
         if same:
             alike = ", ".join(f"{other.place} ({other.figure})" for other in same)
             shown.append(Text(f"the same in {alike}"))
-    rest = _others(group, MOST_SHOWN_FINDINGS)
+    rest = _others(group, MOST_NAMED)
     return Text("\n").join([*shown, Text(rest, style="dim")] if rest else shown)
 
 
@@ -267,8 +265,8 @@ def _others(group: Group, shown: int) -> str:
     rest = [finding.log or "all logs" for finding in group[shown:]]
     if not rest:
         return ""
-    more = len(rest) - MOST_NAMED_LOGS
-    named = f"and {len(rest)} more: {', '.join(rest[:MOST_NAMED_LOGS])}"
+    more = len(rest) - MOST_NAMED
+    named = f"and {len(rest)} more: {', '.join(rest[:MOST_NAMED])}"
     return f"{named} and {count(more, 'other')}" if more > 0 else named
 
 

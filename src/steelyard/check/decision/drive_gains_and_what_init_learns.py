@@ -23,6 +23,7 @@ from steelyard.check.finding import Edit, Finding, Fix, Severity
 from steelyard.check.hypotheses.hypotheses_and_their_scores import Hypothesis
 from steelyard.check.hypotheses.log_excerpt import Excerpt, excerpt_of
 from steelyard.check.hypotheses.nuisance_fit_and_score import REST_SPEED
+from steelyard.check.hypotheses.position_and_effort_hypotheses import FAR_GAIN, OTHER_GAIN_FACTOR
 from steelyard.check.hypotheses.sensors_contacts_and_limbs import CONTACTS, SENSOR_MOUNTING
 from steelyard.check.hypotheses.signs_and_delay_by_friction import NO_DELAY_ADVICE
 from steelyard.estimate.friction.friction_mixes_and_curves import (
@@ -157,12 +158,11 @@ def _inverse(rows: Array) -> float:
     return float(found[0] / lengths[0])
 
 
-LEAST_OWN_RATIO, LEAST_GEAR_RATIO, LARGEST_GEAR_RATIO = 3.0, 20.0, 500.0
-"""Factor on one torque, and on all, from which, and up to which, they may be those before gears."""
+LEAST_GEAR_RATIO, LARGEST_GEAR_RATIO = 20.0, 500.0
+"""Factor on all torques from which, and up to which, they may be those before gears."""
 
 
 GO_ON = ". If the masses of the model file are wrong, continue: the efforts are then as declared"
-NEAR_A_THOUSAND = 3.0  # how far a factor may be from a thousand, as masses of model files are off
 CURRENT_UNITS = {"A": 1.0, "mA": 1e-3}  # units of current [A]
 CAUSES_THAT_SCALE = ("gain", "effort kind", "effort unit")  # causes that are a factor on efforts
 
@@ -222,7 +222,7 @@ def _of_names(case: Case, hypothesis: Hypothesis) -> Fix | None:
         return None
     factors = np.abs(hypothesis.reading.effort_scale / signals.effort_scale)
     wanted = CURRENT_UNITS[unit] / np.abs(signals.effort_scale)
-    if np.any(wanted == 1.0) or np.any(np.abs(np.log(factors / wanted)) > np.log(NEAR_A_THOUSAND)):
+    if np.any(wanted == 1.0) or np.any(np.abs(np.log(factors / wanted)) > np.log(FAR_GAIN)):
         return None
     return Fix(
         f"the names of the effort columns state {unit}, and efforts are off by about that factor",
@@ -236,7 +236,7 @@ def _of_other_torques(case: Case, hypothesis: Hypothesis) -> str:
     if signals is None or "A" in signals.effort_units:
         return ""
     factors = np.abs(hypothesis.reading.effort_scale / signals.effort_scale)
-    if np.all((factors > 1e-3 / NEAR_A_THOUSAND) & (factors < 1e-3 * NEAR_A_THOUSAND)):
+    if np.all((factors > 1e-3 / FAR_GAIN) & (factors < 1e-3 * FAR_GAIN)):
         return "if efforts are in mNm, write gain = 0.001 under [signals.effort]; otherwise "
     if np.all((factors > LEAST_GEAR_RATIO) & (factors < LARGEST_GEAR_RATIO)):
         return (
@@ -245,7 +245,7 @@ def _of_other_torques(case: Case, hypothesis: Hypothesis) -> str:
             "[robot.transmission] (a new robot file: steelyard init MODEL LOG --side motor "
             "--ratios ...); otherwise "
         )
-    far = np.flatnonzero((factors > LEAST_OWN_RATIO) & (factors < LARGEST_GEAR_RATIO))
+    far = np.flatnonzero((factors > FAR_GAIN) & (factors < LARGEST_GEAR_RATIO))
     if 0 < len(far) < len(factors):
         return (
             f"if the torque of {case.listed(far.tolist())} is that of the motor, write its gear "
@@ -294,8 +294,8 @@ SOURCES_OF_GAINS = (
 )
 
 
-DOUBTFUL_GAIN_FACTOR, WRONG_GAIN_FACTOR = 1.15, 1.4
-"""Factor from a controller's own gain from which on a declared one is doubtful, and wrong."""
+DOUBTFUL_GAIN_FACTOR = 1.15
+"""Factor from a controller's own gain from which on a declared one is doubtful."""
 
 
 def gains_left(case: Case) -> tuple[Finding, ...]:
@@ -338,7 +338,7 @@ def gains_of_controller(case: Case) -> tuple[Finding, ...]:
     ratio, scale = float(np.median(ratios[both])), float(signals.effort_scale[0])
     for unit, size in CURRENT_UNITS.items():
         # in another unit the controller's gains would be about those declared
-        if size != scale and abs(np.log(ratio * scale / size)) < np.log(WRONG_GAIN_FACTOR):
+        if size != scale and abs(np.log(ratio * scale / size)) < np.log(OTHER_GAIN_FACTOR):
             says = f"by the controller's targets ({source}) efforts are in {unit}"
             figure = f"gains are {ratio:.4g} times the declared ones"
             line = (Edit(("signals", "effort", "unit"), unit),)
@@ -361,7 +361,7 @@ def gains_of_controller(case: Case) -> tuple[Finding, ...]:
     entries: list[Gain] = np.where(unknown, "identify", signals.gains.astype(object)).tolist()
     for j in joints:
         entries[j] = float(f"{np.copysign(values[j], signals.gains[j]):.4g}")
-    severity = Severity.WRONG if factor.max() > WRONG_GAIN_FACTOR else Severity.DOUBTFUL
+    severity = Severity.WRONG if factor.max() > OTHER_GAIN_FACTOR else Severity.DOUBTFUL
     fix = Fix(
         f"take these gains, from {source}, or correct those of the data sheet",
         (Edit(("signals", "effort", "gain"), entries),),

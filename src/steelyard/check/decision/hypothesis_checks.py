@@ -26,7 +26,16 @@ from steelyard.check.decision.verdict_of_log import (
     judge_log,
     least_delay,
 )
-from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Picture, Severity, trace
+from steelyard.check.finding import (
+    MOST_LISTED,
+    ComparedHypothesis,
+    Edit,
+    Finding,
+    Fix,
+    Picture,
+    Severity,
+    trace,
+)
 from steelyard.check.hypotheses.hypotheses_and_their_scores import LIKELY, SURE, Hypothesis
 from steelyard.check.hypotheses.position_and_effort_hypotheses import ZERO_CAUSE, zero_offsets
 from steelyard.check.hypotheses.sensors_contacts_and_limbs import (
@@ -37,10 +46,8 @@ from steelyard.check.hypotheses.sensors_contacts_and_limbs import (
 from steelyard.check.hypotheses.signs_and_delay_by_friction import friction_signs, residual_delay
 
 EMPTY_MISFIT = 0.5  # typical misfit of a reading that predicts next to nothing
-SHOWN_HYPOTHESES = 6  # hypotheses that are shown
 WHOLE_PERCENT_MISFIT = 100.0  # misfit from which on no decimals are printed [%]
-LARGEST_PRINTED_MISFIT = 1000.0  # misfit beyond which the number says no more [%]
-LARGEST_ODDS = 1000.0  # log odds beyond which the number says no more
+LARGEST_PRINTED = 1000.0  # misfit [%], or log odds, beyond which the number says no more
 UNEXPLAINED_CHECK = "effort kind"  # the check that says so where nothing explains the efforts
 NO_HYPOTHESIS = (
     "no single hypothesis explains these efforts: check columns, kind, unit, gains, and locked "
@@ -111,8 +118,8 @@ class HypothesisCheck:
             known, then = hypothesis.compared
         if hypothesis.odds is not None:  # free bodies may absorb what is wrong
             odds = f"{hypothesis.odds:.0f} (doubtful from {LIKELY:.0f}, wrong from {SURE:.0f})"
-            if not hypothesis.odds < LARGEST_ODDS:
-                odds = f"above {LARGEST_ODDS:.0f}"
+            if not hypothesis.odds < LARGEST_PRINTED:
+                odds = f"above {LARGEST_PRINTED:.0f}"
             rise = f", log Bayes factor {odds} to the best reading without it{hypothesis.note}"
         elif gain > 0.0:
             rise = f", log-likelihood rises by {gain:.0f}"
@@ -156,7 +163,7 @@ class HypothesisCheck:
         first, as_declared = decision.rounds[0], decision.declared.reading
         declared = next(r for r in first if r.reading is as_declared)
         mine = [r for r in first if r.cause == self.name][:2]
-        shown = dict.fromkeys((*first[: SHOWN_HYPOTHESES - 2], declared, *mine))
+        shown = dict.fromkeys((*first[: MOST_LISTED - 2], declared, *mine))
         ordered = sorted(shown, key=lambda r: -r.log_likelihood)
         top = ordered[0].log_likelihood
         return tuple(
@@ -189,8 +196,8 @@ class HypothesisCheck:
 
 
 def _percent(value: float) -> str:
-    if value >= LARGEST_PRINTED_MISFIT:
-        return f"more than {LARGEST_PRINTED_MISFIT:.0f} %"
+    if value >= LARGEST_PRINTED:
+        return f"more than {LARGEST_PRINTED:.0f} %"
     return f"{value:.1f} %" if value < WHOLE_PERCENT_MISFIT else f"{value:.0f} %"
 
 

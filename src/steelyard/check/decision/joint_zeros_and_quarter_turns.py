@@ -25,8 +25,8 @@ from steelyard.base.errors import DataError, SteelyardError
 from steelyard.check.cases_and_checks import Case, CheckedLog, case_check
 from steelyard.check.decision.robot_file_edits import zero_edits
 from steelyard.check.decision.undecided_questions import UNKNOWN_GAINS
-from steelyard.check.decision.verdict_of_log import CLEAN, STRIKING, judge_log
-from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix
+from steelyard.check.decision.verdict_of_log import CLEAN, LEAST_FALL, STRIKING, judge_log
+from steelyard.check.finding import SURE_DEVIATIONS, ComparedHypothesis, Edit, Finding, Fix
 from steelyard.check.fitted.causes_of_residuals import WORTH_A_SEARCH, LeftOutGain, left_out_logs
 from steelyard.check.fitted.fitted_case_causes_and_constraints import (
     RankedCauses,
@@ -59,8 +59,6 @@ from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot
 from steelyard.runs.run import Run
 
-CLEAR_OFFSET = 4.0  # standard deviations from what is given from which on an offset is written
-
 
 def estimated_offsets(
     model: Model, runs: Sequence[Run], start: Array | None = None
@@ -85,7 +83,7 @@ def _given_offsets(signals: Signals) -> Array:
 def far_offsets(offsets: ZeroOffsets) -> NDArray[np.bool_]:
     """Which offsets differ clearly from those that were given, shape `(n,)`."""
     spread = np.nan_to_num(offsets.std, nan=np.inf)
-    far = np.abs(offsets.values - offsets.start) > CLEAR_OFFSET * spread
+    far = np.abs(offsets.values - offsets.start) > SURE_DEVIATIONS * spread
     return np.asarray(far & offsets.converged)
 
 
@@ -98,9 +96,6 @@ def offset_line(offsets: ZeroOffsets, chosen: NDArray[np.bool_]) -> Fix:
 
 TurnedJoints = tuple[tuple[int, float], ...]  # joints, and by how much each is turned [rad]
 TRIED_TURNS = (0.5 * np.pi, -0.5 * np.pi, np.pi)  # offsets of a joint that are tried [rad]
-CLEAR_TURN_FALL = 40.0
-r"""Fall of $-2 \log L$ that another turned joint must be worth: by chance one of 18 turns is worth
-15 once in a hundred fits, and residuals that are alike for longer than the filter count more."""
 NO_TURN_EFFECT = 1e-3  # change of it up to which a zero has no effect: as about gravity
 OTHER_ZEROS = "joint zeros other than those of the model file: "
 IF_CONFIRMED = (
@@ -168,7 +163,7 @@ def _search_turns(regressor: Regressor, runs: Sequence[Run], start: Array) -> Tu
                 k for ((k, _), *_), found in tried.items() if abs(found - least) > NO_TURN_EFFECT
             }
             left = [k for k in left if k in moved]
-        if not tried or min(tried.values()) > least - CLEAR_TURN_FALL:
+        if not tried or min(tried.values()) > least - 2.0 * SURE:
             break
         best = min(tried, key=lambda turned: tried[turned])
         left = [k for k in left if k not in dict(best)]
@@ -274,9 +269,6 @@ def _zeros_by_derivatives(
     )
 
 
-TURNED_MISFIT_FALL = 2.0  # factor by which the misfit must fall: on five sound robots by 1.02
-
-
 def quarter_turns(case: Case) -> Iterator[Finding]:
     """A doubtful finding per log that the nominal model explains with turned zeros alone."""
     known = case.knowledge
@@ -311,7 +303,7 @@ def _quarter_turn_found(
     best, robot = near[0], case.loaded.robot
     before, after = now.percent, tried[best].percent
     rise = tried[best].log_likelihood - now.log_likelihood
-    if rise < STRIKING or after > min(CLEAN, before / TURNED_MISFIT_FALL):
+    if rise < STRIKING or after > min(CLEAN, before / LEAST_FALL):
         return
     words = " or ".join(turn_words(robot, turned) for turned in near)
     fitted = {robot.joint_names[k]: (x, *zero_near(tried[best], k)) for k, x in best}

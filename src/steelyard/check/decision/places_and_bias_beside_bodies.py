@@ -21,7 +21,6 @@ from steelyard.base.errors import LogError
 from steelyard.check.cases_and_checks import Case, CheckedLog, case_check, remembered
 from steelyard.check.decision.small_errors_beside_free_bodies import (
     NOT_FITTED,
-    SAMPLES,
     Bounds,
     FittedVector,
     FreeFit,
@@ -30,6 +29,7 @@ from steelyard.check.decision.small_errors_beside_free_bodies import (
 )
 from steelyard.check.decision.verdict_of_log import judge_log
 from steelyard.check.finding import Finding, Fix
+from steelyard.check.hypotheses.gravity_payload_and_delay import SAMPLES
 from steelyard.check.hypotheses.hypotheses_and_their_scores import SURE
 from steelyard.check.hypotheses.nuisance_fit_and_score import NUISANCES
 from steelyard.estimate.information.base_parameters_and_regressor import Regressor

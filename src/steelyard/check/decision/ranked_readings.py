@@ -1,7 +1,6 @@
 """Readings of a log, ranked: all explanations at once, so that one fault raises one alarm."""
 
 import os
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -20,7 +19,6 @@ from steelyard.check.hypotheses.gravity_payload_and_delay import (
 )
 from steelyard.check.hypotheses.hypotheses_and_their_scores import (
     AS_DECLARED,
-    CLOSE_HYPOTHESES,
     LIKELY,
     SURE,
     Hypothesis,
@@ -37,7 +35,7 @@ from steelyard.check.hypotheses.position_and_effort_hypotheses import (
     ratio_hypotheses,
     zero_hypotheses,
 )
-from steelyard.check.hypotheses.readings_and_likelihood import Likelihood, Reading, likelihood_of
+from steelyard.check.hypotheses.readings_and_likelihood import Likelihood, likelihood_of
 from steelyard.check.hypotheses.sensors_contacts_and_limbs import base_hypotheses
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.robot.file.signals import Signals
@@ -204,39 +202,7 @@ def _rivals(now: Hypothesis, others: OtherEfforts) -> tuple[Hypothesis, ...]:
     if has_bad_joint(found[0]):
         found += deep_hypotheses(reading)
         found.sort(key=lambda h: -h.log_likelihood)
-    return efforts_first(reading, found)
-
-
-def efforts_first(now: Reading, hypotheses: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
-    """Hypotheses, the likeliest first, turned efforts before turned positions that fit as well."""
-    if not hypotheses or not opposite(now.position_scale, hypotheses[0].reading.position_scale):
-        return tuple(hypotheses)
-    least = hypotheses[0].log_likelihood - CLOSE_HYPOTHESES
-    for hypothesis in hypotheses[1:]:
-        if hypothesis.log_likelihood > least and of_efforts(now, hypothesis):
-            return (hypothesis, *(r for r in hypotheses if r is not hypothesis))
-    return tuple(hypotheses)
-
-
-def of_efforts(now: Reading, hypothesis: Hypothesis) -> bool:
-    """Whether a hypothesis does nothing but turn the signs of all efforts."""
-    after = hypothesis.reading
-    return (
-        hypothesis.cause == "effort sign"
-        and len(after.effort) > 1
-        and opposite(now.effort_scale, after.effort_scale)
-        and np.array_equal(now.position_scale, after.position_scale)
-    )
-
-
-def mirrors(now: Reading, one: Hypothesis, other: Hypothesis) -> bool:
-    """Whether one hypothesis turns all efforts and the other one all positions."""
-    return of_efforts(now, one) and opposite(now.position_scale, other.reading.position_scale)
-
-
-def opposite(before: Array, after: Array) -> bool:
-    """Whether all signs are turned."""
-    return bool(np.all(np.sign(before) == -np.sign(after)))
+    return tuple(found)
 
 
 def _misfit_limits(log: Likelihood) -> Array:

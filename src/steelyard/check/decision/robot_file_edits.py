@@ -16,7 +16,7 @@ from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import SteelyardError
 from steelyard.check.cases_and_checks import Case, CheckedLog
 from steelyard.check.decision.ranked_readings import LogVerdict
-from steelyard.check.finding import Edit
+from steelyard.check.finding import WRITTEN_DIGITS, Edit
 from steelyard.check.hypotheses.gravity_payload_and_delay import refined_gravity
 from steelyard.check.hypotheses.log_excerpt import excerpt_of
 from steelyard.check.hypotheses.position_and_effort_hypotheses import PERCENT, ZERO_CAUSE
@@ -55,7 +55,6 @@ def spread_of(reading: Reading) -> float:
     return max(found)
 
 
-FITTED_DIGITS = 4  # significant digits of fitted numbers
 EFFORT_KEY = ("signals", "effort")
 
 
@@ -168,7 +167,7 @@ def _entries(signals: Signals, gains: Array) -> list[Gain]:
     """The gains as the robot file states them; those that are to be identified stay so."""
     gains = gains[signals.n_base :]
     unknown = signals.unknown_gains[signals.n_base :] or (False,) * len(gains)
-    rounded = (float(f"{x:.{FITTED_DIGITS}g}") for x in gains)
+    rounded = (float(f"{x:.{WRITTEN_DIGITS}g}") for x in gains)
     return ["identify" if left else x for x, left in zip(rounded, unknown, strict=True)]
 
 
@@ -179,7 +178,7 @@ def _ratios(after: Reading, loaded: LoadedRobot) -> tuple[Edit, ...]:
         return ()
     found, spread = [], spread_of(after)
     for ratio, factor in zip(np.diag(gears.matrix), after.ratios, strict=True):
-        value = float(f"{ratio * factor:.{FITTED_DIGITS}g}") if factor != 1.0 else float(ratio)
+        value = float(f"{ratio * factor:.{WRITTEN_DIGITS}g}") if factor != 1.0 else float(ratio)
         whole, width = float(round(value)), Z95 * spread * abs(value) * (factor != 1.0)
         found.append(whole if abs(value - whole) <= width else value)
     return (Edit(("robot", "transmission", "ratios"), found, spread),)

@@ -30,14 +30,15 @@ from steelyard.check.hypotheses.gravity_payload_and_delay import (
 )
 from steelyard.check.hypotheses.hypotheses_and_their_scores import (
     AS_DECLARED,
-    CLOSE_HYPOTHESES,
     FITTED_NUMBER_COST,
     LIKELY,
+    SURE,
     Hypothesis,
     choice_cost,
     scored,
 )
 from steelyard.check.hypotheses.position_and_effort_hypotheses import (
+    LARGEST_GAIN,
     OtherEfforts,
     best_combinations,
     effort_hypotheses,
@@ -49,6 +50,7 @@ from steelyard.check.hypotheses.readings_and_likelihood import Key, Likelihood, 
 from steelyard.check.hypotheses.sensors_contacts_and_limbs import (
     CONTACTS,
     OF_BASE,
+    OTHER_FACTOR,
     SENSOR_DELAY,
     SENSOR_MOUNTING,
     base_hypotheses,
@@ -61,14 +63,11 @@ COMPARED = 6  # changes of a reading that are compared by their evidence after s
 ROUNDS = 4  # changes at most, one after another
 TRIED_DELAYS = (-0.08, -0.04, 0.04, 0.08, 0.14, 0.22, 0.3)  # delays of efforts that are tried [s]
 DELAY_STEPS = (0.02, 0.01, 0.005)  # steps to either side by which the best of them is refined [s]
-WORSE_TO_EXPAND = 40.0  # evidence below the best one up to which a reading is changed further
 POOR = 0.1  # misfit of a joint from which combinations are searched too
 COMPARED_ANYWAY = ("effort unit", "effort kind")  # screening does not tell sizes of all efforts
-LARGEST_FACTOR = 1000.0  # on one joint's effort: friction fits what is off by more
 HELD_SHARES = (1.0, 0.8, 0.6)  # of the nominal weight that efforts may lack beside a mounting
 SAME_FACTOR = 1.25  # factors on efforts up to which they are one
 SAME_TURN = np.cos(np.deg2rad(2.5))  # of the sensor of a floating base
-SAME_WRENCH = 1.1  # factors on wrenches up to which they are one
 SAME_UNIT = 10.0  # typical factors up to which they are of one unit
 LEAST_MASS, LEAST_SHARE = 0.3, 0.02  # least payload [kg], and relative to the arm's mass
 
@@ -142,7 +141,7 @@ class Search:
         for number in range(ROUNDS if self.found else 0):
             best = self.best
             most = 1 + best.poor * (number > 0)
-            near = [x for x in self.ordered() if x.log > best.log - WORSE_TO_EXPAND][:most]
+            near = [x for x in self.ordered() if x.log > best.log - 2.0 * SURE][:most]
             starts = [x for x in near if x.reading.key not in self._alternatives]
             for start in starts:
                 self._expand(start)
@@ -299,7 +298,7 @@ def _changes(start: Explanation, others: OtherEfforts) -> Iterator[Hypothesis]:
                 yield h
             continue
         sizes = np.abs(np.log(np.abs(factors)))
-        if h.cause != "gain" or (np.ptp(factors) > 0.0 and sizes.max() < np.log(LARGEST_FACTOR)):
+        if h.cause != "gain" or (np.ptp(factors) > 0.0 and sizes.max() < np.log(LARGEST_GAIN)):
             yield h
     if reading.base is None:
         yield from gravity_hypotheses(reading)
@@ -308,8 +307,7 @@ def _changes(start: Explanation, others: OtherEfforts) -> Iterator[Hypothesis]:
     for h in position_changes(reading):
         # units of positions and time are found by other checks, without a model
         if h.cause in ("position sign", "joint order") and h.reading.keeps_evidence:
-            every = h.cause == "position sign" and len(h.joints) == len(reading.position) > 1
-            yield replace(h, cost=h.cost + CLOSE_HYPOTHESES * every)  # efforts are likelier
+            yield h
     yield from ratio_hypotheses(reading)
     if reading.payload is None and reading.base is None:  # more than one limb may carry
         loaded = reading.changed(payload=np.zeros(10))
@@ -400,7 +398,7 @@ def _alike_base(cause: str, a: BaseReading, b: BaseReading) -> bool:
     if cause == SENSOR_MOUNTING:
         return bool(np.trace(a.turn.T @ b.turn) > 1.0 + 2.0 * SAME_TURN)
     same = (a.contacts, a.in_world) == (b.contacts, b.in_world)
-    return bool(same and np.isclose(a.factors, b.factors, rtol=SAME_WRENCH - 1.0).all())
+    return bool(same and np.isclose(a.factors, b.factors, rtol=OTHER_FACTOR - 1.0).all())
 
 
 def mirror(reading: Reading) -> Reading:

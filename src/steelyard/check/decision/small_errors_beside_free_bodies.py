@@ -16,14 +16,12 @@ from steelyard.check.cases_and_checks import Case, CheckedLog, case_check, remem
 from steelyard.check.decision.verdict_of_log import judge_log
 from steelyard.check.finding import SURE_DEVIATIONS, Finding, Fix
 from steelyard.check.hypotheses.evidence_with_unknown_bodies import rows_of
+from steelyard.check.hypotheses.gravity_payload_and_delay import SAMPLES
 from steelyard.check.hypotheses.hypotheses_and_their_scores import SURE
-from steelyard.check.hypotheses.nuisance_fit_and_score import NUISANCES
+from steelyard.check.hypotheses.nuisance_fit_and_score import NUISANCES, REWEIGHTINGS, ROUNDING
 from steelyard.check.hypotheses.readings_and_likelihood import Reading
 
-SAMPLES = 600  # samples of a fit
 VECTOR_STEP = 0.01  # step of derivatives by a place or a bias [m; m/s²]
-RIDGE = 1e-9  # of the columns, relative to their lengths
-FITS = 3  # least squares, each with the noise, or about the place, that the one before leaves
 LEAST_SHARE = 0.4  # share of the weight that is removed that matters
 
 
@@ -58,7 +56,7 @@ class FreeFit:
         """The fit to products of rows that are so many samples, `(n,)`, each of that worth."""
         count, squares = np.maximum(count, 1.0), products[:, -1, -1]
         weights, values = np.zeros(len(products)), np.zeros(products.shape[-1] - 1)
-        for _ in range(FITS):
+        for _ in range(REWEIGHTINGS):
             weights = _inverse(squares / count)
             normal, sizes = _normal(products, weights)
             right = np.tensordot(weights, products[:, :-1, -1], 1) / sizes
@@ -93,7 +91,7 @@ def _normal(products: Array, weights: Array) -> tuple[Array, Array]:
     gram = np.tensordot(weights, products[:, :-1, :-1], 1)
     sizes = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     sizes = np.where(sizes > 1e-9 * sizes.max(), sizes, np.inf)
-    return gram / sizes[:, None] / sizes + RIDGE * np.eye(len(gram)), sizes
+    return gram / sizes[:, None] / sizes + ROUNDING * np.eye(len(gram)), sizes
 
 
 def explained(case: Case, log: CheckedLog) -> Reading | None:
@@ -172,7 +170,7 @@ def fitted_place(reading: Reading) -> FittedVector | None:
     moved, own = np.zeros(3), len(now.position) * NUISANCES
     if first is None or fit is None or reading.base is None:
         return None
-    for _ in range(FITS):
+    for _ in range(REWEIGHTINGS):
         skipped = len(fit.values) - len(first.values)  # those of the place
         beside = FreeFit.of(now, slopes_of(now, fit.values[skipped:-own], "place"))
         if beside is None:

@@ -18,6 +18,7 @@ from steelyard.check.decision.search_with_unknown_bodies import (
     least_mass,
 )
 from steelyard.check.decision.verdict_of_log import CLEAN, HEAVIEST_FACTOR, friction_alone_explains
+from steelyard.check.finding import MOST_NAMED
 from steelyard.check.hypotheses.evidence_with_unknown_bodies import WIDTHS
 from steelyard.check.hypotheses.hypotheses_and_their_scores import LIKELY, SURE
 from steelyard.check.hypotheses.position_and_effort_hypotheses import (
@@ -30,11 +31,11 @@ from steelyard.estimate.payload.runs_with_payload import carrier
 
 ANSWERED = 10.0  # log odds by which all alternatives must be behind for a question to be answered
 FAIR_BODIES_MISFIT = 5.0  # misfit [%] up to which nothing is hidden by it
-SHOWN_ALTERNATIVES = 3  # alternatives that are named
 TRIED_FACTORS = {"effort kind": HEAVIEST_FACTOR, "effort unit": 1000.0}
 """Factors on all efforts that must fit clearly worse."""
-NOTICED_SIZE = 1.5  # of all links over the nominal ones: model files are off by less as a whole
-OTHER_GAIN = 1.5  # factor on one joint's effort that must fit clearly worse
+OTHER_GAIN = 1.5
+"""Factor on one joint's effort that must fit clearly worse, and of all links over the nominal ones:
+model files are off by less as a whole."""
 UNTIL_OTHER = "undecided until"  # another question is decided
 UNKNOWN_GAINS = {
     "gain": 'undecided: unknown gains (gain = "identify") are not compared with the model file',
@@ -74,7 +75,7 @@ def undecided(decision: LogVerdict, cause: str) -> str:
         near += [
             f"efforts times {x:.3g}" for x, o in zip(sizes, odds, strict=True) if o > -ANSWERED
         ]
-    listed = ", ".join(near[:SHOWN_ALTERNATIVES]) + ", ..." * (len(near) > SHOWN_ALTERNATIVES)
+    listed = ", ".join(near[:MOST_NAMED]) + ", ..." * (len(near) > MOST_NAMED)
     others = f"; other readings fit about as well: {listed}" * bool(near)
     known = not any(signals.unknown_gains)
     if cause == "effort kind" and known and (far := other_size(best)):
@@ -88,7 +89,7 @@ def other_size(best: Explanation) -> str:
     Efforts that are all off by one factor have the same effect.
     """
     scale = best.evidence.scale
-    if abs(np.log(scale)) < np.log(NOTICED_SIZE):
+    if abs(np.log(scale)) < np.log(OTHER_GAIN):
         return ""
     if friction_alone_explains(best.reading, best.evidence.score):
         return ""

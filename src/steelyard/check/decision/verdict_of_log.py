@@ -26,7 +26,6 @@ from steelyard.check.decision.ranked_readings import (
     LogVerdict,
     disagrees,
     has_bad_joint,
-    mirrors,
     rankings,
 )
 from steelyard.check.decision.search_with_unknown_bodies import (
@@ -40,7 +39,7 @@ from steelyard.check.decision.search_with_unknown_bodies import (
     says_the_same,
     undone,
 )
-from steelyard.check.finding import SURE_DEVIATIONS, Severity
+from steelyard.check.finding import MOST_NAMED, SURE_DEVIATIONS, Severity
 from steelyard.check.hypotheses.gravity_payload_and_delay import axis_near, delay_hypotheses
 from steelyard.check.hypotheses.hypotheses_and_their_scores import (
     CLOSE_HYPOTHESES,
@@ -69,9 +68,7 @@ NOTICED_FACTOR = 2.0  # on all efforts, from which on bodies of another size are
 LEAST_FALL = 2.0  # fall of some joint's misfit that a reading needs against a reference
 LEAST_DELAY = {True: 0.004, False: 0.04}  # least delay [s], with and without a reference
 DELAY_ROWS = 1.5  # the same in rows of the log
-EXPLAINED_BY_FRICTION, FRICTION_FALL = 60.0, 2.0
-"""Log-likelihood that bodies must gain, and the factor by which the misfit of some joint must fall,
-beside friction alone."""
+EXPLAINED_BY_FRICTION = 60.0  # log-likelihood that bodies must gain beside friction alone
 MIRROR_FALL = 1.5
 """Misfit of mirrored bodies, over that of the best ones, up to which both fit: no log tells the two
 apart but by the nominal bodies, which may be wrong."""
@@ -83,7 +80,6 @@ FREE_INERTIAS = "free link inertias"
 NUMBERS = ("gain", "mounting", "effort delay")  # not written where a log does not show them
 MIRRORED = "all {} have the opposite sign"
 ORDER_AND_SIGNS = ("joint order", "position sign", "effort sign")
-SHOWN_EXPLANATIONS = 3  # explanations that are named where none is sure
 BOTH_MIRRORS_FIT = ": both fit with free link inertias, and this log cannot distinguish them"
 
 
@@ -156,7 +152,6 @@ def _judged(before: Hypothesis, winner: Hypothesis, hypotheses: Sequence[Hypothe
     least = winner.log_likelihood - CLOSE_HYPOTHESES
     near = any(
         (r.cause != winner.cause or r.joints != winner.joints)
-        and not mirrors(before.reading, winner, r)
         for r in hypotheses[1:]
         if r.log_likelihood > least
     )
@@ -341,7 +336,7 @@ def one_of_several(search: Search, winners: Sequence[Judged]) -> Iterator[Judged
             as_declared = max(as_declared, one.log)
     odds = best.log - as_declared
     if odds >= LIKELY:
-        listed = list(said)[:SHOWN_EXPLANATIONS]
+        listed = list(said)[:MOST_NAMED]
         says = "either " * (len(listed) > 1) + ", or ".join(listed)
         says += ", or others" * (len(said) > len(listed))
         first = said[listed[0]]
@@ -479,7 +474,7 @@ def friction_alone_explains(reading: Reading, score: LikelihoodScore) -> bool:
     score = replace(score, counts=alone.counts)
     gain = float(score.log_likelihood - alone.log_likelihood)
     fall = float(np.max(alone.misfits / np.maximum(score.misfits, MISFIT_FLOOR)))
-    return gain < EXPLAINED_BY_FRICTION or fall < FRICTION_FALL
+    return gain < EXPLAINED_BY_FRICTION or fall < LEAST_FALL
 
 
 def _scale(search: Search, winners: Sequence[Judged]) -> Iterator[Judged]:

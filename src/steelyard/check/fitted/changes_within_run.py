@@ -18,13 +18,14 @@ import numpy as np
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import ModelError, SteelyardError
 from steelyard.check.cases_and_checks import case_check
-from steelyard.check.finding import Finding, Fix
+from steelyard.check.finding import SURE_DEVIATIONS, Finding, Fix
 from steelyard.check.fitted.disagreeing_runs_and_passing_forces import (
     FINE_WINDOW,
     PassingForce,
     passing_force,
 )
 from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
+from steelyard.check.hypotheses.nuisance_fit_and_score import REWEIGHTINGS, ROUNDING
 from steelyard.check.hypotheses.signs_and_delay_by_friction import LEAST_ROW_FREEDOM, own_fit
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.estimate.information.base_parameters_and_regressor import BaseMap, base_regressor
@@ -35,9 +36,6 @@ from steelyard.estimate.payload.runs_with_payload import carrier, payload_lift
 from steelyard.model.laws.register import law_of
 from steelyard.robot.robot import Coordinate, Robot
 from steelyard.runs.run import Run
-
-LEAST_LEFT_SHARE = 1e-9  # least share of the squared residual that a change is taken to leave
-NOISE_ROUNDS = 4  # iterations of the rows' noise
 
 
 @dataclass(frozen=True)
@@ -71,7 +69,7 @@ class ChangeWithinRun:
 
     def certain(self, share: float, rise: float) -> bool:
         """Whether it explains enough, and is significant."""
-        sure = abs(self.value) > SURE_CHANGE * self.std
+        sure = abs(self.value) > SURE_DEVIATIONS * self.std
         return sure and self.explained >= share and self.rise >= rise
 
 
@@ -129,7 +127,7 @@ def offset_steps(run: Information) -> list[ChangeWithinRun]:
                 continue
             h, g = row.reduced(np.eye(len(row.own))[:, places])
             bend, slope = float(h[0, 0]), float(g[0])
-            if bend <= LEAST_LEFT_SHARE * row.after[places[0], places[0]]:
+            if bend <= ROUNDING * row.after[places[0], places[0]]:
                 bend, slope = np.inf, 0.0
             numbers = _by_one_column(slope, bend, row.left, row.freedom - 1.0)
             noise = float(np.sqrt((1.0 - numbers[2]) * row.left / row.freedom))
@@ -144,7 +142,7 @@ def _by_one_column(
 ) -> tuple[float, float, float, float]:
     """Value and standard deviation of one column, the share it explains, and its rise."""
     gain = slope**2 / bend
-    noise = max(left - gain, LEAST_LEFT_SHARE * left) / freedom
+    noise = max(left - gain, ROUNDING * left) / freedom
     return slope / bend, float(np.sqrt(noise / bend)), gain / left, gain / noise
 
 
@@ -169,12 +167,12 @@ def _load(rows: list[tuple[_Row, Array]]) -> tuple[float, float, float, float]:
     before = left = np.array([row.left for row, _ in rows])
     freedom = np.array([row.freedom for row, _ in rows])
     h, g = (np.array(x) for x in zip(*(row.reduced(columns) for row, columns in rows), strict=True))
-    for _ in range(NOISE_ROUNDS):
+    for _ in range(REWEIGHTINGS):
         worth = freedom / left
         inverse = np.linalg.pinv(np.tensordot(worth, h, 1), rcond=1e-10, hermitian=True)
         ten = inverse @ (worth @ g)
         gained = 2.0 * g @ ten - h @ ten @ ten
-        left = np.maximum(before - gained, LEAST_LEFT_SHARE * before)
+        left = np.maximum(before - gained, ROUNDING * before)
     explained = 1.0 - float(np.exp(np.mean(np.log(left / before))))
     rise = float(np.sum((before - left) * freedom / left))
     return float(ten[0]), float(np.sqrt(max(inverse[0, 0], 0.0))), explained, rise
@@ -229,7 +227,7 @@ def _drift_of_row(
     shared = own.T @ once[:-1, :-1] @ torque
     most = float(torque @ twice[:-1, :-1] @ torque)
     bend = most - float(shared @ shared)
-    if freedom <= 0.0 or left <= 0.0 or bend <= LEAST_LEFT_SHARE * most:
+    if freedom <= 0.0 or left <= 0.0 or bend <= ROUNDING * most:
         return None
     slope = float(torque @ once[:-1, -1] - shared @ effort)
     return _by_one_column(slope, bend, left, freedom)
@@ -239,15 +237,13 @@ LEAST_LOAD_SHARE, LEAST_OFFSET_SHARE = 0.5, 0.93
 """Least share of the squared residual that a change explains. In sound logs of nine real robots at
 most 0.14 (those shorter than 8 s aside) and 0.43; friction that falls by 60 % has up to 0.78."""
 MOST_LEFT_BY_STEP = 8.0  # residual that an offset's step leaves, over noise
-LEAST_CHANGE_RISE = {"load": 200.0, "offset": 100.0}  # over noise; at most 92 in those logs
-LEAST_DRIFT_SHARE, DRIFT_RISES, LEAST_DRIFT = 0.3, 100.0, 0.05
-"""Least share of a joint's squared residual that a drift of its scale explains, least rise, and
-least change; in sound logs of ten real robots the rise is at most 44."""
+LEAST_RISE = 100.0  # of changes over noise; at most 92 in those logs
+LEAST_DRIFT_SHARE, LEAST_DRIFT = 0.3, 0.05
+"""Share of a joint's squared residual that a drift of its scale explains, and change, at least."""
 SHORTEST_WARMING = 120.0
 """Shortest log whose drift may be of something that gets warm [s]: drives, gears and sensors do so
 in minutes to hours."""
 LARGEST_PRINTED_CHANGE = 3.0  # relative change beyond which it is only called larger
-SURE_CHANGE = 5.0  # standard deviations that a load or a step must have
 
 
 @case_check("change within a run")
@@ -277,7 +273,7 @@ def force_of_run(identified: IdentifiedModel, run: Information, logged: Run) -> 
     if force is None:
         return None
     load = load_change(run, model.robot, identified.base)
-    sure = load and load.certain(LEAST_LOAD_SHARE, LEAST_CHANGE_RISE["load"])
+    sure = load and load.certain(LEAST_LOAD_SHARE, LEAST_RISE)
     if load and sure and 1.0 - force.explained > BETTER_THAN_LOAD * (1.0 - load.explained):
         return None
     taps = ParallelFilter.design(logged.matched_cutoff, logged.rate).taps
@@ -312,7 +308,7 @@ def _of_run(case: FittedCase, run: Information, logged: Run) -> Iterator[Finding
     steps = [
         step
         for step in offset_steps(run)
-        if step.certain(LEAST_OFFSET_SHARE, LEAST_CHANGE_RISE["offset"])
+        if step.certain(LEAST_OFFSET_SHARE, LEAST_RISE)
         and step.explained > drifting.get(step.row, 0.0)
         and not _more_is_left(case, step)
     ]
@@ -320,7 +316,7 @@ def _of_run(case: FittedCase, run: Information, logged: Run) -> Iterator[Finding
     if (
         load
         and max(_together(x, len(coordinates)) for x in (drifts, steps)) <= by_load
-        and load.certain(LEAST_LOAD_SHARE, LEAST_CHANGE_RISE["load"])
+        and load.certain(LEAST_LOAD_SHARE, LEAST_RISE)
     ):
         way = "picks up" if load.value > 0.0 else "puts down"
         mass = f"{abs(load.value):.3g} ± {Z95 * load.std:.1g} kg"
@@ -336,7 +332,7 @@ def _of_run(case: FittedCase, run: Information, logged: Run) -> Iterator[Finding
 
 def _together(changes: Sequence[ChangeWithinRun], rows: int) -> float:
     """Share that changes of single rows explain, geometric mean over all rows, as of a load."""
-    left = [np.log(max(1.0 - change.explained, LEAST_LEFT_SHARE)) for change in changes]
+    left = [np.log(max(1.0 - change.explained, ROUNDING)) for change in changes]
     return 1.0 - float(np.exp(np.sum(left) / rows))
 
 
@@ -423,7 +419,7 @@ def _gathered(identified: IdentifiedModel, run: Run, longest: float = np.inf) ->
 
 def _sure_drift(drift: ChangeWithinRun) -> bool:
     large = abs(drift.value) > LEAST_DRIFT and drift.value > -1.0
-    return large and drift.certain(LEAST_DRIFT_SHARE, DRIFT_RISES)
+    return large and drift.certain(LEAST_DRIFT_SHARE, LEAST_RISE)
 
 
 def _explains(change: ChangeWithinRun, bound: float) -> str:

@@ -32,6 +32,7 @@ from steelyard.check.finding import Finding, Fix
 from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
 from steelyard.check.hypotheses.nuisance_fit_and_score import MISFIT_FLOOR
 from steelyard.check.hypotheses.signs_and_delay_by_friction import (
+    FEWEST_WINDOWS,
     LEAST_ROW_FREEDOM,
     own_fit,
     whitened_columns,
@@ -176,7 +177,6 @@ def last_link_check(case: FittedCase) -> Iterable[Finding]:
 FINE_WINDOW = 0.25  # length of the windows that give its start and end [s]
 
 
-FEWEST_WINDOWS = 6  # windows of a run in which a stretch is looked for
 LONGEST_SHARE = 0.4  # share of a run's windows that it takes at most
 UNEVEN = 3.0  # greatest squared residual of a window over the median, at least
 LEAST_FALL = 10.0  # factor by which the squared residual of a row falls where the force acts

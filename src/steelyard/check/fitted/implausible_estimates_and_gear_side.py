@@ -19,7 +19,7 @@ import numpy as np
 from steelyard.base.arrays import Z95, Array
 from steelyard.base.errors import DataError, SteelyardError
 from steelyard.check.cases_and_checks import Case, case_check
-from steelyard.check.finding import Finding, Fix, Severity
+from steelyard.check.finding import MOST_LISTED, SURE_DEVIATIONS, Finding, Fix, Severity
 from steelyard.check.fitted.fitted_case_causes_and_constraints import FittedCase
 from steelyard.estimate.estimate import Estimate, Unidentifiable
 from steelyard.estimate.identified_model import IdentifiedModel
@@ -233,7 +233,6 @@ def load_friction_check(case: FittedCase) -> Iterable[Finding]:
     )
 
 
-SIGNIFICANT_ROTOR = 4.0  # rotor inertia over its standard deviation from which on it is significant
 MOST_ROTORS = 0.5  # share of rotor inertias that says what torques contain
 LINK_SIDE_INSTEAD = 'kind = "link_torque" without rotor_inertia'
 """How a robot file describes sensors on the link side."""
@@ -256,7 +255,7 @@ def gear_side_check(case: Case) -> Iterable[Finding]:
         return ()
     rotors = rotors_of(estimate)
     values = zip(estimate.parameters.names, estimate.parameters.values, estimate.std, strict=True)
-    sure = sum(value > SIGNIFICANT_ROTOR * std for of, value, std in values if of in rotors)
+    sure = sum(value > SURE_DEVIATIONS * std for of, value, std in values if of in rotors)
     figure = f"{sure} of {len(rotors)} {SEPARABLE_ROTORS} are significantly positive"
     if rotors and sure >= MOST_ROTORS * len(rotors):
         return (Finding.ok(f"torques contain those of the rotors: {figure}", figure),)
@@ -303,7 +302,6 @@ def rotors_at_zero(estimate: Estimate, effort_kind: str) -> tuple[tuple[str, ...
     return (zero if many and at_joints else ()), len(rotors)
 
 
-SHOWN_PARAMETERS = 6
 HELPFUL_MOTION = {"m": "other configurations of the joints before"} | dict.fromkeys(
     ("mx", "my", "mz"), "other configurations of the joints up to"
 )
@@ -327,8 +325,8 @@ def identifiability_check(case: Case) -> Iterable[Finding]:
     says = f"the motion makes {seen} of {whole} base parameters{of} identifiable"
     figure = f"{seen} of {whole}, condition number {estimate.condition_normalised:.3g} (normalised)"
     if blind:
-        listed = ", ".join(b.name for b in blind[:SHOWN_PARAMETERS])
-        says += f"; not {listed}" + (" and more" if len(blind) > SHOWN_PARAMETERS else "")
+        listed = ", ".join(b.name for b in blind[:MOST_LISTED])
+        says += f"; not {listed}" + (" and more" if len(blind) > MOST_LISTED else "")
         yield Finding.doubtful(says, figure, fix=Fix(_advice(blind)))
     else:
         says += "; how accurately they are identified depends on the noise"

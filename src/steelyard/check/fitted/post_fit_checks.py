@@ -11,7 +11,7 @@ import numpy as np
 from steelyard.base.arrays import Z95
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.check.cases_and_checks import CaseCheck, case_check
-from steelyard.check.finding import Finding, Fix, Severity, percent_of
+from steelyard.check.finding import MOST_LISTED, Finding, Fix, Severity, percent_of
 from steelyard.check.fitted.changes_within_run import change_in_run_check
 from steelyard.check.fitted.disagreeing_runs_and_passing_forces import (
     last_link_check,
@@ -69,7 +69,6 @@ def band_coverage_check(case: FittedCase) -> Iterable[Finding]:
     return (Finding.ok(says, headline=True, brief=brief, log=log),)
 
 
-MOST_NAMED_BOUNDS = 6  # bounds that a line of the terminal names
 OF_FRICTION = (
     "Friction below zero means that the sign of an effort or position is wrong, that the drive "
     "compensates friction, or that a term is missing"
@@ -116,7 +115,7 @@ def constraints_check(case: FittedCase) -> Iterable[Finding]:
     means = [OF_FRICTION] if any(law.dissipation != "none" for law in laws) else []
     means += [OF_ROTORS] if RotorInertia in laws else []
     meaning, fix = ". ".join(means or [OF_OTHERS]), Fix(CHECK_BOUNDS)
-    bounds = first_names(found.bounds, MOST_NAMED_BOUNDS)
+    bounds = first_names(found.bounds, MOST_LISTED)
     what = f"the log contradicts bounds at {', '.join(found.joints)} ({bounds}): {falls}"
     brief = f"{what}. {meaning}. {fix.says}"
     least = f" Least squares finds {', '.join(found.values)}." if found.values else ""

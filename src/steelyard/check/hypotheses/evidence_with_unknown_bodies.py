@@ -20,6 +20,7 @@ from steelyard.check.hypotheses.nuisance_fit_and_score import (
     LEAST_SAMPLE_COUNT,
     NUISANCES,
     OFFSET_COLUMN,
+    WORST_MISFIT,
     LikelihoodScore,
 )
 from steelyard.check.hypotheses.position_and_effort_hypotheses import best_factors
@@ -42,7 +43,6 @@ EVIDENCE_SAMPLES = 300  # samples that products are made of
 MOST_EVIDENCE_SAMPLES = 60.0  # most independent samples that a joint counts for
 STEPS, SCREENING_STEPS = 14, 7  # Newton steps
 SCREENED_WIDTHS = (0.8,)
-ABSURD = 1e3  # misfit from which on a reading is none
 CARRIED_WIDTH, CARRIED_MASS, CARRIED_SIZE = 1.4, 0.03, 0.1
 """Relative width about the likeliest payload, its mass over the arm's, and its size and distance
 from the last link's frame [m]: masses of 0.05 to 0.4 of the arm's are expected."""
@@ -206,7 +206,7 @@ class EvidenceOfLog:
             for part in [one for one in waiting.values() if len(one) == size or (last and one)]:
                 solved = _averaged(list(part.values()), self._positive, widths, steps)
                 for k, one in zip(part, solved, strict=True):
-                    found[k] = one if np.max(one.misfits) < ABSURD else None
+                    found[k] = one if np.max(one.misfits) < WORST_MISFIT else None
                 part.clear()
         return found
 

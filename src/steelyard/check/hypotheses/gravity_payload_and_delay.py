@@ -23,6 +23,8 @@ from steelyard.check.hypotheses.hypotheses_and_their_scores import (
 from steelyard.check.hypotheses.nuisance_fit_and_score import (
     MISFIT_FLOOR,
     MOST_SAMPLE_COUNT,
+    REWEIGHTINGS,
+    ROUNDING,
     SHARP_DELAY_FLOOR,
     shared_fit,
 )
@@ -117,7 +119,7 @@ def delay_fit(reading: Reading) -> tuple[float, float]:
         return score.log_likelihood_with(SHARP_DELAY_FLOOR, np.inf)
 
     most = _longest_delay(reading)
-    return likeliest(likelihoods, reading.delay + np.linspace(-most, most, DELAY_GRID), 3)
+    return likeliest(likelihoods, reading.delay + np.linspace(-most, most, DELAY_GRID))
 
 
 def _longest_delay(reading: Reading) -> float:
@@ -181,19 +183,16 @@ def gravity_directions(reading: Reading, *, search: bool) -> Iterator[Hypothesis
 
 
 FEW_DIRECTIONS = 3  # directions that are proposed
-DIRECTION_SAMPLES = 600  # samples that they are fitted to
-DIRECTION_RIDGE = 1e-8
-"""What keeps columns that a motion does not excite at zero, relative to their mean square."""
+SAMPLES = 600  # samples that free bodies are fitted to
 DIRECTION_RESIDUAL_FLOOR = 1e-4
 """Least residual of a row, over its effort: logs without noise have none."""
-DIRECTION_REWEIGHTINGS = 4  # how often rows are weighed by the residuals of the last direction
 LEAST_TILT = np.deg2rad(0.5)
 """Tilt of gravity from a proposed direction from which on it is proposed too [rad]."""
 
 
 def _directions(now: Reading) -> list[Array]:
     """Unit vectors that fit, the best first, none near another or the reading's own."""
-    left = _DirectionResidual(now.on(now.likelihood.thinned(DIRECTION_SAMPLES)))
+    left = _DirectionResidual(now.on(now.likelihood.thinned(SAMPLES)))
     axes = np.concatenate((np.eye(3), -np.eye(3)))
     known = now.gravity / np.linalg.norm(now.gravity)
     found: list[Array] = []
@@ -213,9 +212,9 @@ def refined_gravity(found: Reading) -> Array:
     if not found.gravity.any():
         return found.gravity
     start = found.gravity / float(np.linalg.norm(found.gravity))
-    left = _DirectionResidual(found.on(found.likelihood.thinned(DIRECTION_SAMPLES)))
+    left = _DirectionResidual(found.on(found.likelihood.thinned(SAMPLES)))
     direction, known = start, left.sigma(start)
-    for _ in range(DIRECTION_REWEIGHTINGS):
+    for _ in range(REWEIGHTINGS):
         direction = left.weighted(left.sigma(direction)).least_near(direction)[1]
     gain = MOST_SAMPLE_COUNT * float(np.sum(np.log(known / left.sigma(direction))))
     tilt = float(np.arccos(np.clip(start @ direction, -1.0, 1.0)))
@@ -248,7 +247,7 @@ class _DirectionResidual:
     def _weigh(self, squares: Array) -> None:
         self._all = [np.tensordot(1.0 / squares, x, 1) for x in (self._yy, self._ye, self._ee)]
         lengths = np.einsum("akak->k", self._all[0])
-        self._ridge = DIRECTION_RIDGE * np.diag(np.maximum(lengths, 1e-12 * lengths.max()))
+        self._ridge = ROUNDING * np.diag(np.maximum(lengths, 1e-12 * lengths.max()))
 
     def weighted(self, sigma: Array) -> "_DirectionResidual":
         """The same with rows over their residuals, shape `(n,)`."""

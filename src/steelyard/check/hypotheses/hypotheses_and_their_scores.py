@@ -65,20 +65,19 @@ def choice_cost(count: int) -> float:
 
 
 SAMPLE_BATCH = 12_000  # samples evaluated at once
+ZOOMS = 3  # how often the grid is drawn closer
 ZOOMED_POINTS = 9  # numbers between the neighbours of the best one
 
 
-def likeliest(
-    likelihoods: Callable[[Array], Array], grid: Array, zooms: int
-) -> tuple[float, float]:
+def likeliest(likelihoods: Callable[[Array], Array], grid: Array) -> tuple[float, float]:
     """The number of the largest log-likelihood, and its standard deviation by the curvature there.
 
     Sought on a grid that is drawn closer around its best point; infinite where there is no top.
     """
     values = likelihoods(grid)
-    for number in range(zooms + 1):
+    for number in range(ZOOMS + 1):
         k = int(np.clip(np.argmax(values), 1, len(grid) - 2))
-        if number < zooms:
+        if number < ZOOMS:
             grid = np.linspace(grid[k - 1], grid[k + 1], ZOOMED_POINTS)
             values = likelihoods(grid)
     step = float(grid[k] - grid[k - 1])

@@ -20,15 +20,12 @@ from numpy.typing import NDArray
 from scipy.special import gammaln, multigammaln
 
 from steelyard.base.arrays import Array
-from steelyard.check.hypotheses.nuisance_fit_and_score import NUISANCES
+from steelyard.check.hypotheses.nuisance_fit_and_score import MISFIT_FLOOR, NUISANCES, ROUNDING
 from steelyard.estimate.consistent.conic_solver_and_scaled_parameters import BASIS
 
 FRICTION_WIDTH, TYPICAL_FRICTION = 2.0, 0.1
 """Relative width of friction, and its most likely size over the effort."""
 OFFSET_WIDTH = 0.3  # std of an offset over the effort, or over that of the nominal bodies if larger
-RESIDUAL_FLOOR = 0.03  # least residual over the effort that a model is expected to leave
-SMALLEST_BODY = 1e-9  # least eigenvalue of a body's `X` that is told from zero
-RIDGE = 1e-9  # of the normalised Hessian
 INSIDE = 0.9  # share of the way to where no body exists that one step goes
 CONVERGED = 1e-2  # rise of the log-likelihood that a further step promises, at which it is one
 FIRST_VARIANCE = 0.1  # of residuals, before any are known
@@ -104,7 +101,7 @@ class _Fit:
         flat = own_slope.reshape(*own_slope.shape[:2], -1, 1)
         right = slope - (passed @ flat)[..., 0]
         sizes = np.sqrt(np.diagonal(bend, axis1=-2, axis2=-1))
-        scaled = bend / sizes[..., :, None] / sizes[..., None, :] + RIDGE * np.eye(self._k)
+        scaled = bend / sizes[..., :, None] / sizes[..., None, :] + ROUNDING * np.eye(self._k)
         move = -np.linalg.solve(scaled, (right / sizes)[..., None])[..., 0] / sizes
         along = own_slope + self._weight()[..., None] * self._mixed_with(move)
         own = -np.einsum("hwjab,hwjb->hwja", own_inverse, along)
@@ -121,7 +118,7 @@ class _Fit:
 
     def reweigh(self) -> None:
         """Variances by what is left; none is worse than no model, so that no joint is given up."""
-        self.variance = np.clip(self._squares(), 0.0, 1.0) + RESIDUAL_FLOOR**2
+        self.variance = np.clip(self._squares(), 0.0, 1.0) + MISFIT_FLOOR**2
 
     def result(self) -> Averaged:
         _, bend, _, own_bend, coupling = self._expansion()
@@ -134,7 +131,7 @@ class _Fit:
         logs = self._prior() - 0.5 * np.sum(likely, axis=-1)
         logs += 0.5 * (whole * np.log(2.0 * np.pi) - bends)
         logs = np.where(np.isfinite(logs), logs, NO_EVIDENCE)
-        return Averaged(logs, self.u, np.sqrt(np.maximum(squares, 0.0) + RESIDUAL_FLOOR**2))
+        return Averaged(logs, self.u, np.sqrt(np.maximum(squares, 0.0) + MISFIT_FLOOR**2))
 
     def _expansion(self) -> tuple[Array, Array, Array, Array, Array]:
         """Slopes and bends of minus the log density, by bodies, by a joint's own, and by both."""
@@ -190,7 +187,7 @@ class _Fit:
         shape = (*self.u.shape[:2], -1, 10)
         self._matrices = np.tensordot(self.u.reshape(shape), _ENTRIES, axes=1)
         values, vectors = np.linalg.eigh(self._matrices)
-        self._factor = vectors / np.sqrt(np.maximum(values, SMALLEST_BODY))[..., None, :]
+        self._factor = vectors / np.sqrt(np.maximum(values, ROUNDING))[..., None, :]
         self._inverse = self._factor @ self._factor.swapaxes(-1, -2)
 
     def _safe(self) -> Array:

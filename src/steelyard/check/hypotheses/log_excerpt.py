@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.check.hypotheses.floating_base_readings import BaseSamples, orthonormal
+from steelyard.check.hypotheses.nuisance_fit_and_score import ROUNDING
 from steelyard.robot.file.signals import BaseSignals
 from steelyard.runs.first_pass_over_recording import EXCERPT_ROWS, FalseStretches
 from steelyard.runs.floating_base import rotations
@@ -40,7 +41,6 @@ from steelyard.runs.spectrum_and_period import motion_band
 EXCERPT_SAMPLES = 3000  # samples that are kept
 EXCERPT_STRETCHES = 8  # stretches that they are spread over, where a log has more
 OVERSAMPLING = 8.0  # kept samples per period of the cut-off
-DEAD_EFFORT = 1e-9  # change of an effort, over its size, up to which it never changes
 START_UP = 1.0  # periods of the cut-off at the ends of a stretch that the filter's start-up takes
 
 
@@ -71,7 +71,7 @@ class Excerpt:
     @cached_property
     def dead(self) -> tuple[int, ...]:
         """Effort columns that never change beside others that do."""
-        still = np.ptp(self.e, axis=1) <= DEAD_EFFORT * np.abs(self.e).max(axis=1)
+        still = np.ptp(self.e, axis=1) <= ROUNDING * np.abs(self.e).max(axis=1)
         return () if still.all() else tuple(np.flatnonzero(still).tolist())
 
     @property

@@ -18,6 +18,8 @@ FRICTION_DRIFT = (0.5, 1.8)  # range of a log's friction relative to the referen
 REST_SPEED = 0.03  # speed up to which a joint rests, relative to its fastest
 NUISANCES, OFFSET_COLUMN = 4, 2  # tanh, speed, one, acceleration; which is one
 COORDINATE_SWEEPS = 40
+ROUNDING = 1e-9  # relative size of what rounding leaves, and of ridges that keep it harmless
+REWEIGHTINGS = 4  # fits that weigh rows by what the fit before leaves
 
 
 def fit_nuisances(
@@ -71,7 +73,6 @@ def _coordinates(sweeps: int) -> Code:
     return compiled(["friction within bounds", sweeps], build)
 
 
-SHARED_FIT_ROUNDS = 4
 WIDE_STD = 1e6
 
 
@@ -113,7 +114,7 @@ def shared_fit(
     squares, products = x @ x.swapaxes(1, 2), (x @ residual[..., None])[..., 0]
     count = np.maximum(np.count_nonzero(nuisances[:, 2], axis=1), 1)
     variance = np.maximum(np.mean(np.square(residual), axis=1), np.square(size))
-    for _ in range(SHARED_FIT_ROUNDS):
+    for _ in range(REWEIGHTINGS):
         weight = worth / variance
         covariance = np.linalg.inv(np.tensordot(weight, squares, 1) + np.eye(len(std)))
         values = covariance @ (np.tensordot(weight, products, 1) + middle / std)

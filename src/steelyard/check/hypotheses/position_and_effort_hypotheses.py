@@ -28,7 +28,11 @@ from steelyard.check.hypotheses.hypotheses_and_their_scores import (
     likeliest,
     scored,
 )
-from steelyard.check.hypotheses.nuisance_fit_and_score import LEAST_SAMPLE_COUNT, EffortProducts
+from steelyard.check.hypotheses.nuisance_fit_and_score import (
+    LEAST_SAMPLE_COUNT,
+    MISFIT_FLOOR,
+    EffortProducts,
+)
 from steelyard.check.hypotheses.readings_and_likelihood import Likelihood, Reading
 from steelyard.estimate.nonlinear.nonlinear_parameters import LOOSEST
 from steelyard.robot.robot import Robot
@@ -36,7 +40,10 @@ from steelyard.robot.robot import Robot
 OTHER_POSITION_UNITS = {"revolute": {"degrees": pi / 180.0}, "prismatic": {"millimetres": 1e-3}}
 OTHER_TIME_UNITS = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 MOST_PERMUTED_JOINTS = 7  # most joints of which all orders and all signs are tried
-COARSE_SAMPLES, COARSE_SWEEPS = 120, 6  # samples, and sweeps of the friction's fit, for that
+COARSE_SAMPLES, COARSE_SWEEPS = (
+    200,
+    6,
+)  # samples, and sweeps of friction's fit, for a first look
 REFINED_HYPOTHESES = 12  # how many of the best of them are looked at again
 
 
@@ -48,7 +55,8 @@ def position_changes(reading: Reading) -> Iterator[Hypothesis]:
         yield _turned(reading, (j,), f"'{names[j]}' has the opposite sign", choice_cost(n))
     if n > 1:
         says = "all positions have the opposite sign"
-        yield _turned(reading, tuple(joints), says, choice_cost(n))
+        # efforts of the other sign, which may fit as well, are likelier
+        yield _turned(reading, tuple(joints), says, choice_cost(n) + 2.0 * CLOSE_HYPOTHESES)
     for a, b in combinations(joints, 2):
         order = list(range(len(names)))
         order[a], order[b] = b, a
@@ -121,8 +129,6 @@ ZERO_GRID = np.array(
     + [0.1, 0.2, 0.4, 0.8, 1.2, 1.6, 2.2, 2.8, 3.5]
 )
 """Offsets that are tried first [rad; m]."""
-COARSE_ZERO_SAMPLES = 300  # samples for that
-ZERO_ZOOMS = 2
 NEAR_ZERO = 0.4  # how far from a reading's own zero the likeliest is looked for [rad; m]
 
 
@@ -180,13 +186,13 @@ def zero_offsets(reading: Reading) -> tuple[JointZero, ...]:
     robot, log = reading.knowledge.robot, reading.likelihood
     if robot.passive or any(log.signals.unknown_offsets):
         return ()
-    coarse = reading.on(log.thinned(COARSE_ZERO_SAMPLES))
+    coarse = reading.on(log.thinned(COARSE_SAMPLES))
     found = []
     for joint, coordinate in enumerate(robot.coordinates):
         values = _zero_likelihoods(coarse, joint, ZERO_GRID)
         k = int(np.clip(np.argmax(values), 1, len(ZERO_GRID) - 2))
         grid = np.linspace(ZERO_GRID[k - 1], ZERO_GRID[k + 1], ZOOMED_POINTS)
-        value, std = likeliest(partial(_zero_likelihoods, reading, joint), grid, ZERO_ZOOMS)
+        value, std = likeliest(partial(_zero_likelihoods, reading, joint), grid)
         if std > LOOSEST[coordinate.unit]:
             value, std = 0.0, np.inf
         found.append(JointZero(joint, coordinate.name, coordinate.unit, value, std))
@@ -196,7 +202,7 @@ def zero_offsets(reading: Reading) -> tuple[JointZero, ...]:
 def zero_near(reading: Reading, joint: int) -> tuple[float, float]:
     """The likeliest zero near a reading's own [rad; m], and its standard deviation, or infinity."""
     grid = np.linspace(-NEAR_ZERO, NEAR_ZERO, ZOOMED_POINTS)
-    return likeliest(partial(_zero_likelihoods, reading, joint), grid, ZERO_ZOOMS)
+    return likeliest(partial(_zero_likelihoods, reading, joint), grid)
 
 
 def _zero_likelihoods(reading: Reading, joint: int, offsets: Array) -> Array:
@@ -226,7 +232,7 @@ def zeros_without_effect(robot: Robot) -> tuple[bool, ...]:
 
 
 LARGEST_RATIO_FACTOR = 4.0  # largest factor by which a ratio is looked for to be off, either way
-RATIO_GRID, RATIO_ROUNDS = 25, 3
+RATIO_GRID = 25
 
 
 def ratio_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
@@ -235,20 +241,22 @@ def ratio_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
     if log.signals.position_map is None:
         return
     cost = choice_cost(log.signals.n) + FITTED_NUMBER_COST
+    far = np.log(LARGEST_RATIO_FACTOR)
+    grid = np.linspace(-far, far, RATIO_GRID)
     for joint in log.joints:
-        name = log.names[joint]
-        factors = np.geomspace(1.0 / LARGEST_RATIO_FACTOR, LARGEST_RATIO_FACTOR, RATIO_GRID)
-        mine = np.arange(log.signals.n) == joint
-        for _ in range(RATIO_ROUNDS):
-            readings = [
-                reading.changed(ratios=reading.ratios * np.where(mine, x, 1.0)) for x in factors
-            ]
-            best = int(np.argmax([one.log_likelihood for one in readings]))
-            winner, factor = readings[best], factors[best]
-            low, high = factors[max(best - 1, 0)], factors[min(best + 1, len(factors) - 1)]
-            factors = np.geomspace(low, high, ZOOMED_POINTS)
-        says = f"gear ratio of '{name}' times {factor:.4g}"
+        best, _ = likeliest(partial(_ratio_likelihoods, reading, joint), grid)
+        winner = _with_ratio(reading, joint, best)
+        says = f"gear ratio of '{log.names[joint]}' times {np.exp(best):.4g}"
         yield Hypothesis("gain", says, winner, cost, (joint,), winner.score)
+
+
+def _with_ratio(reading: Reading, joint: int, log_factor: float) -> Reading:
+    factors = np.where(np.arange(len(reading.ratios)) == joint, np.exp(log_factor), 1.0)
+    return reading.changed(ratios=reading.ratios * factors)
+
+
+def _ratio_likelihoods(reading: Reading, joint: int, log_factors: Array) -> Array:
+    return np.array([_with_ratio(reading, joint, x).log_likelihood for x in log_factors])
 
 
 THOUSAND = {"1000 times larger": 1e3, "1000 times smaller": 1e-3}
@@ -418,7 +426,6 @@ def _effort_orders(reading: Reading) -> Iterator[Hypothesis]:
 
 
 FEW_COMBINATIONS = 8  # readings that are proposed
-SMALL_FREE_MISFIT = 0.02  # misfit below which fits with free gains count as equally good
 UNLOADED_SHARE = 0.05  # share of an effort that bodies must make for its sign to be judged
 
 
@@ -439,10 +446,7 @@ def best_combinations(likelihood: Likelihood) -> list[Hypothesis]:
     best = _likeliest_with_gains(
         [r.changed(position_scale=r.position_scale * one) for r in best for one in signs]
     )
-    return [
-        _combined_of(reading.on(likelihood))
-        for reading in (*best, *filter(None, map(_all_turned, best)))
-    ]
+    return [_combined_of(reading.on(likelihood)) for reading in best]
 
 
 def _combined_of(reading: Reading) -> Hypothesis:
@@ -452,13 +456,6 @@ def _combined_of(reading: Reading) -> Hypothesis:
     signs = int(np.sum(turned)) + (1 if efforts == n else efforts)
     moved = [j for j in range(n) if (reading.position[j], reading.effort[j]) != (j, j)]
     return Hypothesis("", "", reading, choice_cost(n) * (len(moved) + signs), tuple(moved))
-
-
-def _all_turned(reading: Reading) -> Reading | None:
-    """All efforts of the other sign where most of them are: that of an unloaded joint is open."""
-    signs = np.sign(reading.effort_scale / reading.likelihood.declared.effort_scale)
-    most = 0.5 * len(signs) < np.sum(signs < 0.0) < len(signs)
-    return reading.with_factors(-signs) if most else None
 
 
 def _likeliest_with_gains(readings: Sequence[Reading]) -> list[Reading]:
@@ -494,5 +491,5 @@ def _with_gains(sums: EffortProducts) -> tuple[Array, Array]:
     theta = np.linalg.solve(normal, right)
     left = np.maximum(1.0 - np.sum(right * theta, axis=-2) / ee, 0.0)
     counts = np.where(sums.count >= LEAST_SAMPLE_COUNT, sums.count, 0.0)[..., None]
-    costs = 0.5 * counts * np.log(left + SMALL_FREE_MISFIT**2)
+    costs = 0.5 * counts * np.log(left + MISFIT_FLOOR**2)
     return costs, theta[..., 4, :] / np.sqrt(ee)

@@ -14,6 +14,7 @@ from steelyard.check.hypotheses.hypotheses_and_their_scores import (
     choice_cost,
     likeliest,
 )
+from steelyard.check.hypotheses.position_and_effort_hypotheses import COARSE_SAMPLES
 from steelyard.check.hypotheses.readings_and_likelihood import Reading
 from steelyard.robot.robot import Robot
 
@@ -23,9 +24,7 @@ OF_BASE = (SENSOR_MOUNTING, SENSOR_DELAY, CONTACTS)
 TRIED_SENSOR_DELAYS = (-0.1, -0.05, -0.02, 0.02, 0.05, 0.1, 0.2)  # that are tried [s]
 FACTORS = np.array([0.0, 0.1, 0.22, 0.5, 0.75, 1.0, 1.33, 2.0, 4.45, 9.81, 30.0, 100.0, 1000.0])
 """Factors on wrenches that are tried, of either sign: pounds, kilograms, kilonewtons are near."""
-FACTOR_SAMPLES = 200  # samples for that
 OTHER_FACTOR = 1.15  # factor on a wrench from which on it is another one
-TURN_SAMPLES = 200  # samples that a turn of the sensor is fitted to
 TURN_STEP = 0.3  # first step of that [rad]
 UPRIGHT = 1.0 - 1e-9  # sine of a pitch from which on it is a right angle
 
@@ -69,7 +68,7 @@ def fitted_mounting(reading: Reading, base: BaseReading) -> Hypothesis:
 
     log = reading.likelihood
     assert log.base is not None
-    coarse = reading.on(log.thinned(TURN_SAMPLES))
+    coarse = reading.on(log.thinned(COARSE_SAMPLES))
 
     def turned(x: Array) -> BaseReading:
         return base.changed(turn=Rotation.from_rotvec(x).as_matrix() @ base.turn)
@@ -162,14 +161,14 @@ def _contacts(reading: Reading, base: BaseReading) -> Iterator[Hypothesis]:
 
 def _factor(reading: Reading, base: BaseReading, which: tuple[int, ...]) -> float:
     """The factor on some wrenches at which a log agrees best with the known bodies."""
-    coarse = reading.on(reading.likelihood.thinned(FACTOR_SAMPLES))
+    coarse = reading.on(reading.likelihood.thinned(COARSE_SAMPLES))
     mine = np.isin(range(len(base.factors)), which)
 
     def likelihoods(factors: Array) -> Array:
         each = (base.changed(factors=base.factors * np.where(mine, x, 1.0)) for x in factors)
         return np.array([coarse.changed(base=one).log_likelihood for one in each])
 
-    return likeliest(likelihoods, np.concatenate((-FACTORS[:0:-1], FACTORS)), 3)[0]
+    return likeliest(likelihoods, np.concatenate((-FACTORS[:0:-1], FACTORS)))[0]
 
 
 def limbs(robot: Robot) -> list[tuple[tuple[int, ...], str]]:

@@ -26,7 +26,7 @@ from steelyard.base.errors import SteelyardError
 from steelyard.check.cases_and_checks import Case, CheckedLog
 from steelyard.check.finding import SURE_DEVIATIONS, Edit, Finding, Fix
 from steelyard.check.hypotheses.gravity_payload_and_delay import LONGEST_DELAY
-from steelyard.check.hypotheses.nuisance_fit_and_score import LikelihoodScore
+from steelyard.check.hypotheses.nuisance_fit_and_score import ROUNDING, LikelihoodScore
 from steelyard.check.hypotheses.readings_and_likelihood import Reading
 from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
 from steelyard.estimate.information.gather import gather
@@ -64,10 +64,8 @@ LEAST_NEGATIVE_FRICTION = 0.05
 """Least size of that friction, relative to the joint's effort without its mean."""
 EXPLAINED_BY_FRICTION_FIT = 0.7
 """Share of the effort's variance that the fit must explain: else something else is wrong."""
-SINGULAR_GRAM = 1e-9
-"""Eigenvalue of a row's normalised Gram matrix, over the largest, that counts as zero."""
 SIGNED_LAWS = (Coulomb.law, Viscous.law)
-FEWEST_FRICTION_WINDOWS = 6  # windows of a run from which on its scores give a standard error
+FEWEST_WINDOWS = 6  # windows of a run from which on its scores give a standard error
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +155,7 @@ def _friction_of_row(
     columns = [information.layout.columns[k] for k in information.layout.sees[row]]
     names = [f"{law}.{joint}" for law in SIGNED_LAWS]
     grams = information.row_grams(row)
-    if len(grams) < FEWEST_FRICTION_WINDOWS or not set(names) <= set(columns):
+    if len(grams) < FEWEST_WINDOWS or not set(names) <= set(columns):
         return None
     gram = grams.sum(axis=0)
     dry, viscous = (columns.index(name) for name in names)
@@ -370,7 +368,7 @@ def whitened_columns(gram: Array) -> Array:
     lengths = np.sqrt(np.maximum(np.diag(gram), 0.0))
     lengths = np.where(lengths > 0.0, lengths, 1.0)
     values, vectors = np.linalg.eigh(gram / lengths[:, None] / lengths)
-    kept = values > SINGULAR_GRAM * values.max()
+    kept = values > ROUNDING * values.max()
     return np.asarray(vectors[:, kept] / np.sqrt(values[kept]) / lengths[:, None])
 
 

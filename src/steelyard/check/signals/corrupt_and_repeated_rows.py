@@ -9,7 +9,16 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.check.cases_and_checks import Case, CheckedLog, case_check, log_check
-from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace, percent_of
+from steelyard.check.finding import (
+    MOST_NAMED,
+    Edit,
+    Finding,
+    Fix,
+    Picture,
+    Severity,
+    Trace,
+    percent_of,
+)
 from steelyard.check.signals.motion_units import unit_reading
 from steelyard.check.signals.time_stamps_and_scale import clock_of_log
 from steelyard.check.signals.usable_rows import JUMP_FACTOR, JUMP_ROWS, SignalOverview
@@ -79,7 +88,6 @@ def _counts_picture(title: str, name: str, x: Array, span: tuple[float, float]) 
 
 
 MOST_FROZEN = 0.5  # share of the rows in which encoders are frozen, from which on a log is wrong
-MOST_NAMED_STRETCHES = 5  # stretches and jumps of a log that are named
 
 
 def _false_positions(case: Case, log: CheckedLog) -> Finding | None:
@@ -110,7 +118,7 @@ def _false_positions(case: Case, log: CheckedLog) -> Finding | None:
     if not found:
         return None
     says = [words for _, words in sorted(found)]
-    more = f"; and {len(says) - MOST_NAMED_STRETCHES} more" * (len(says) > MOST_NAMED_STRETCHES)
+    more = f"; and {len(says) - MOST_NAMED} more" * (len(says) > MOST_NAMED)
     still = np.zeros(len(t), dtype=np.bool_)
     for _, first, last in overview.frozen:
         still[first:last] = True
@@ -118,7 +126,7 @@ def _false_positions(case: Case, log: CheckedLog) -> Finding | None:
     jumps = len(found) > len(overview.frozen)
     return Finding.of(
         Severity.WRONG if share > MOST_FROZEN else Severity.DOUBTFUL,
-        "; ".join(says[:MOST_NAMED_STRETCHES]) + more,
+        "; ".join(says[:MOST_NAMED]) + more,
         f"frozen in {percent_of(share)} of the rows, at most {100.0 * MOST_FROZEN:g} % "
         f"allowed; a jump is {JUMP_FACTOR:g} times the changes in {JUMP_ROWS} rows on either side",
         joints=tuple(case.joints[j] for j in dict.fromkeys(joints)),

@@ -16,7 +16,17 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array, stretches
 from steelyard.base.errors import SteelyardError
 from steelyard.check.cases_and_checks import Case, CheckedLog, log_check
-from steelyard.check.finding import Finding, Fix, Picture, Severity, of_joints, percent_of, trace
+from steelyard.check.finding import (
+    MOST_NAMED,
+    PICTURE_TIME,
+    Finding,
+    Fix,
+    Picture,
+    Severity,
+    of_joints,
+    percent_of,
+    trace,
+)
 from steelyard.check.signals.motion_units import driven_joints, unit_reading
 from steelyard.check.signals.usable_rows import SLOW_SHARE, SignalOverview, noise_of
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
@@ -160,11 +170,6 @@ def _unexplained(case: Case, log: CheckedLog) -> float | None:
     return float(np.sqrt(left.sum() / information.effort_squares().sum()))
 
 
-SMOOTH_POSITION_NOISE = 1e-7
-"""Noise or rounding of positions, over their variation, below which no encoder measured them. Least
-of the joints' largest on seven real robots, two resampled logs aside: 1e-5."""
-
-
 @log_check("set points", "Are signals measured, or set-points of the controller?", of_rows=True)
 def set_points_check(case: Case, log: CheckedLog) -> Finding:
     """Columns whose names speak of set-points, and positions without noise beside noisy efforts."""
@@ -189,10 +194,10 @@ def set_points_check(case: Case, log: CheckedLog) -> Finding:
     worst = float(np.nanmax(position, initial=0.0))
     figure = (
         f"noise of positions up to {worst:.1g} of their variation, at least "
-        f"{SMOOTH_POSITION_NOISE:g} required"
+        f"{MEASURED_POSITION_NOISE:g} required"
     )
     noisy = bool(np.nanmax(effort, initial=0.0) > NOISE_FREE)
-    if noisy and np.isfinite(position).any() and worst < SMOOTH_POSITION_NOISE:
+    if noisy and np.isfinite(position).any() and worst < MEASURED_POSITION_NOISE:
         says = (
             "undecided: efforts have measurement noise, and positions are noise-free: commanded "
             "positions, low-passed ones, or those of a simulation"
@@ -216,11 +221,9 @@ LEAVE_COARSE_JOINTS = Fix(
     "leave these joints out (joints = [...], [robot.locked]), or log them with finer resolution"
 )
 REPAIR_SENSOR = Fix("repair the sensor or its line before the next log")
-MOST_NAMED_STRETCHES = 5  # stretches without a measured effort that are named
 DECLARE_MEASURED_COLUMNS = Fix(
     "declare the columns that hold measured efforts under [signals.effort]"
 )
-NOISE_PICTURE_TIME = 20.0  # length of the picture [s]
 
 
 @log_check("noise", "Are resolution and noise sufficient?", of_rows=True)
@@ -251,7 +254,7 @@ def noise_check(case: Case, log: CheckedLog) -> Finding:
         for j in np.flatnonzero(coarse)
     ]
     clauses += [f"the effort of {noisy} is mostly noise"] if noisy else []
-    clauses += [words for _, words in dead[:MOST_NAMED_STRETCHES]]
+    clauses += [words for _, words in dead[:MOST_NAMED]]
     clauses.append(_noise_facts(case, overview, noise, log.recording.signals.effort_units))
     fix = DECLARE_MEASURED_COLUMNS if constant.any() else LEAVE_COARSE_JOINTS
     if constant.any() and not overview.effort[:, constant].any():
@@ -304,16 +307,14 @@ def _range(values: Array) -> str:
 
 
 def _noise_picture(case: Case, log: CheckedLog, overview: SignalOverview, joint: int) -> Picture:
-    half = 0.5 * NOISE_PICTURE_TIME / unit_reading(case, log).second
+    half = 0.5 * PICTURE_TIME / unit_reading(case, log).second
     at = np.abs(overview.t - 0.5 * (overview.t[0] + overview.t[-1])) <= half
     unit = log.recording.signals.effort_units[joint]
     t, effort = overview.t[at] - overview.t[0], overview.effort[at, joint]
     return Picture("time [s]", f"effort [{unit}]", (trace(case.joints[joint], t, effort),))
 
 
-LONG_STAY = 5
-"""Stays of usual length that a stay at the highest or lowest value must be long at least."""
-OFTEN_AT_LIMIT = 0.005  # share of all rows there from which on an effort is cut off, too
+LONG_STAY = 5.0  # rows that a stay at the highest or lowest value is long at least
 STEPS_BESIDE_EXTREME, REACH_BESIDE_EXTREME = 5, 5.5
 """Steps of the sensor next to an extreme, for the usual length of a stay at one level; and with
 room for rounding."""
@@ -375,24 +376,16 @@ def saturation_check(case: Case, log: CheckedLog) -> Finding:
 
 
 def _highest(effort: Array) -> _Stay:
-    """The longest stay at the highest value, or all of them, whichever is more striking."""
+    """The longest stay at the highest value."""
     levels = np.unique(effort)[::-1]
-    top, stays = levels[0], _stays(effort, levels[0])
-    once = _Stay(float(top), int(stays.max()), np.inf)
+    top, rows = float(levels[0]), int(_stays(effort, levels[0]).max())
     if len(levels) <= STEPS_BESIDE_EXTREME or top - levels[1] > SWITCHED_GAP * (top - levels[-1]):
-        return once
+        return _Stay(top, rows, np.inf)
     near = levels[1 : 1 + STEPS_BESIDE_EXTREME]
-    beside = [_stays(effort, level) for level in near]
     step = float(np.abs(np.diff(levels[: 1 + STEPS_BESIDE_EXTREME])).min())
-    pairs = zip(beside, near, strict=True)
-    close = [own for own, level in pairs if top - level < REACH_BESIDE_EXTREME * step]
-    usual = LONG_STAY * float(np.median(np.concatenate(beside)))
+    close = [_stays(effort, x) for x in near if top - x < REACH_BESIDE_EXTREME * step]
     mean = sum(float(np.square(own).sum() / own.sum()) for own in close) / STEPS_BESIDE_EXTREME
-    rows = sum(int(own.sum()) for own in close) / STEPS_BESIDE_EXTREME
-    often = max(usual, OFTEN_AT_LIMIT * len(effort), STAY_RATIO * rows)
-    once = replace(once, bound=float(np.ceil(max(usual, STAY_RATIO * mean))))
-    many = replace(once, rows=int(stays.sum()), bound=float(np.ceil(often)))
-    return many if many.share >= 1.0 else once
+    return _Stay(top, rows, float(np.ceil(max(LONG_STAY, STAY_RATIO * mean))))
 
 
 def _stays(effort: Array, level: float) -> NDArray[np.intp]:

@@ -41,9 +41,6 @@ TOO_FAST, TOO_SLOW, DISAGREEING_COST = 2.0, 0.4, 4.0
 """What a reading costs: a step that no log has; a unit that is not the declared one; positions far
 beyond their limits; speeds beyond theirs, and per decade below a tenth of theirs; velocities that
 are not the derivative."""
-OVER_LIMIT = 0.8
-"""What a speed beyond the limit of the model file costs that a robot can have: limits there are
-often placeholders."""
 NAMED_UNIT_COST = 0.3  # what a unit costs that is not the one in the column's name
 FAST_SPEED, SLOW_SPEED = 1.5, 0.1  # speeds over the joint's limit above and below which they cost
 FAR_TOO_FAST = 10.0
@@ -129,10 +126,8 @@ class JointFacts:
             share = min(1.0, log(speed / (FAST_SPEED * usual)) / log(FAR_TOO_FAST / FAST_SPEED))
             return share * (TOO_FAST + log10(speed / usual))
         limit = limit if isfinite(limit) else usual
-        if speed > FAST_SPEED * max(limit, usual):
+        if speed > FAST_SPEED * max(limit, usual):  # limits of model files may be placeholders
             return TOO_FAST + log10(speed / max(limit, usual))
-        if speed > FAST_SPEED * limit:
-            return OVER_LIMIT
         return TOO_SLOW * max(0.0, log10(SLOW_SPEED * limit / speed))
 
 

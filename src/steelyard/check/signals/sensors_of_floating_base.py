@@ -28,8 +28,6 @@ AGREEING, DISAGREEING = 0.35, 0.6
 LEAST_RATE_BIAS = 0.05
 """Bias of a gyroscope that matters [rad/s]: with 0.17, 88 % of 95 % intervals hold the truth."""
 UPRIGHT = 0.3  # distance of the mean acceleration from that of a robot that stays, over gravity
-WEIGHTLESS = 0.3  # mean acceleration over gravity up to which there is none in it
-NEAR_ONE = (0.7, 1.4)  # size of a mean acceleration over 1 g
 MOVING = 0.2  # spread of a signal in a stretch, over that in the log, from which on it changes
 DEAD_TIME, DEAD_ROWS = 0.5, 50  # shortest stretch of one value that is no measurement [s; rows]
 CONJUGATE = "turned from the world to the sensor, not from the sensor to the world"
@@ -345,10 +343,10 @@ def _of_size(base: BaseSignals, rows: SensorRows, size: float) -> Iterator[Findi
     mean = float(np.median(np.linalg.norm(smooth, axis=1)))
     figure = f"size of the acceleration {mean:.3g} m/s², {size:.3g} m/s² expected"
     for factor, unit in ((STANDARD_G, "g"), (1.0 / STANDARD_G, "m/s2")):
-        low, high = (x * size / factor for x in NEAR_ONE)
+        near = abs(mean * factor / size - 1.0) < UPRIGHT
         spread = float(np.std(np.linalg.norm(smooth, axis=1))) / max(mean, 1e-12)
         declared = "g" if base.scale != 1.0 else "m/s2"
-        if low < mean < high and unit != declared and spread < WEIGHTLESS:
+        if near and unit != declared and spread < UPRIGHT:
             yield Finding.wrong(
                 f'the acceleration is in "{unit}": as declared, it is {mean / size:.2g} times '
                 "gravity",
@@ -359,7 +357,7 @@ def _of_size(base: BaseSignals, rows: SensorRows, size: float) -> Iterator[Findi
                 ),
             )
             return
-    if mean < WEIGHTLESS * size and (base.contacts or base.orientation):
+    if mean < UPRIGHT * size and (base.contacts or base.orientation):
         yield Finding.wrong(
             "the acceleration is without gravity, and an accelerometer measures it",
             figure,

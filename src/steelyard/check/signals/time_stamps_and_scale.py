@@ -78,10 +78,11 @@ class Leaps:
 
 
 DOUBTFUL_GAPS, GAPS_PER_ROW = 5, 2.5e-4
-"""Short gaps of a doubtful clock: so many, or three that are so frequent."""
-DOUBTFUL_LEAPS, DOUBTFUL_MISSING, MUCH_MISSING = 5, 0.005, 0.05
-"""Leaps of all joints, and share of rows missing at them, from which on a clock that is even is
-doubtful, and wrong. Sound logs of seven real robots have at most 4 leaps and 0.1 %."""
+"""Short gaps of a doubtful clock, or leaps of all joints of an even one: so many; or three gaps
+that are so frequent."""
+DOUBTFUL_MISSING, MUCH_MISSING = 0.005, 0.05
+"""Share of rows missing at leaps of all joints from which on a clock that is even is doubtful, and
+wrong. Sound logs of seven real robots have at most 4 leaps and 0.1 %."""
 REPEATED_STAMP_SHARE, BACKWARD_SHARE = 0.01, 0.05
 """Shares of stamps that repeat (doubtful) or run backward (wrong)."""
 
@@ -183,7 +184,7 @@ def leaping_rows(log: CheckedLog) -> Leaps | None:
     alike = left <= COMMON_LEAP_RESIDUE * np.linalg.norm(inner, axis=1)
     missing = factor[moving & (factor >= LEAP_FACTOR) & alike] - 1.0
     count = int(np.count_nonzero(moving))
-    if len(missing) < DOUBTFUL_LEAPS or missing.sum() < DOUBTFUL_MISSING * count:
+    if len(missing) < DOUBTFUL_GAPS or missing.sum() < DOUBTFUL_MISSING * count:
         return None
     slow = moving & (factor <= 1.0 / LEAP_FACTOR)
     rows = duration[STEPS_AROUND_LEAP:-STEPS_AROUND_LEAP] / np.median(np.diff(t))
@@ -295,7 +296,6 @@ def _time(seconds: float) -> str:
 TRIED_SCALE = 0.05  # relative scale that is tried first to both sides
 VARIANCE_FALL = 0.045  # fall of the logarithm of the variance there from which on others are tried
 TRIED_SCALES = np.log([0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0, 1.05, 1.1, 1.25, 1.43, 1.67, 2.0])
-SCALE_ZOOMS = 2
 DOUBTFUL_SCALE_SHARE, WRONG_SCALE_SHARE, LEAST_SCALE_ERROR = 0.5, 0.9, 0.005
 """Share of the typical squared residual that a scale must explain to be doubtful, and wrong, and
 its least distance from 1. Nine real robots have at most 0.04; a link that is 50 % longer than its
@@ -351,7 +351,6 @@ def time_scale(case: Case) -> tuple[Finding | None, bool]:
         x, std = likeliest(
             lambda grid: np.array([-0.5 * samples * variance(x)[0] for x in grid.tolist()]),
             TRIED_SCALES,
-            SCALE_ZOOMS,
         )
         gone = 1.0 - float(np.exp(variance(x)[0] - now))
     except (SteelyardError, TypeError):

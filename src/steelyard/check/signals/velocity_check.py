@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.check.cases_and_checks import Case, CheckedLog, log_check
 from steelyard.check.decision.verdict_of_log import positions_at_fault
-from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, trace
+from steelyard.check.finding import PICTURE_TIME, Edit, Finding, Fix, Picture, Severity, trace
 from steelyard.check.signals.motion_units import (
     SAME_SCALE,
     UnitReading,
@@ -26,7 +26,6 @@ from steelyard.robot.file.signals import VELOCITY_UNITS
 
 LATE_STEPS, LATE_ERRORS = 1.5, 3.0
 """A lag is one if it is longer than so many steps of the clock and so many standard errors."""
-VELOCITY_PICTURE_TIME = 10.0  # length of the picture [s]
 REMOVE_VELOCITIES = tuple(
     Edit(("signals", key), None) for key in ("velocity", "velocity_unit", "velocity_sign")
 )
@@ -223,7 +222,7 @@ def _picture(case: Case, agreed: VelocityAgreement, bad: NDArray[np.bool_]) -> P
     v, t = agreed.derivative[joint], agreed.t
     length = len(t)
     if length > 1:
-        length = min(length, max(2, int(VELOCITY_PICTURE_TIME / max(t[1] - t[0], 1e-9))))
+        length = min(length, max(2, int(PICTURE_TIME / max(t[1] - t[0], 1e-9))))
     energy = np.concatenate(([0.0], np.cumsum(np.square(v))))
     start = int(np.argmax(energy[length:] - energy[: len(energy) - length]))
     at = slice(start, start + length)
