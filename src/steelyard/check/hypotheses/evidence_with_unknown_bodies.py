@@ -332,8 +332,7 @@ def _averaged(
     fit = averaged(yy, ye, ee, counts, positive, gamma, steps)
     found = []
     for i, best in enumerate(np.argmax(fit.logs, axis=1)):
-        top = fit.logs[i, best]
-        log = float(top + np.log(np.mean(np.exp(fit.logs[i] - top))))
+        log = float(np.logaddexp.reduce(fit.logs[i]) - np.log(len(widths)))
         u, seen, size = fit.bodies[i, best], counts[i] > 0.0, problems[i].scale
         misfits = np.where(seen, fit.misfits[i, best], 1.0)
         mine, nominal = (

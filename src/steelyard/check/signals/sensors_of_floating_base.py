@@ -34,7 +34,7 @@ CONJUGATE = "turned from the world to the sensor, not from the sensor to the wor
 KINDS = {4: ("wxyz", "xyzw"), 3: ("rpy_rad", "rpy_deg"), 9: ("matrix",)}
 RATE_UNITS = {"rad/s": 1.0, "deg/s": np.pi / 180.0}
 BASE_KEY = ("signals", "base")
-NAMES_OF_SENSORS = "sensors of the base"
+LOG_GRAVITY = Fix("log what an accelerometer measures, +9.81 m/s² upwards at rest")
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,15 +71,11 @@ def sensor_rows(log: CheckedLog) -> SensorRows:
     return SensorRows(rows[:, 0] * signals.time_scale, acceleration, rate, *rest)
 
 
-@dataclass(frozen=True)
-class _Otherwise:
-    """Another way to read the sensors, and the line that says so."""
-
-    says: str
-    edits: tuple[Edit, ...]
+_Otherwise = tuple[str, tuple[Edit, ...]]
+"""Another way to read the sensors in words, and the lines that say so."""
 
 
-@case_check(NAMES_OF_SENSORS, "Do the sensors of the base agree with each other?")
+@case_check("sensors of the base", "Do the sensors of the base agree with each other?")
 def base_sensors_check(case: Case) -> Iterable[Finding]:
     """Sensors that stop, kinds of orientations, units, axes and signs of rates, gravity."""
     for log in case.logs:
@@ -113,13 +109,24 @@ def _dead(base: BaseSignals, rows: SensorRows) -> Iterator[Finding]:
         own = every[start : stop + 1].std(axis=0)
         return bool(np.any((own > MOVING * spread) & (spread > 0.0)))
 
+    signals = [(name, x[:, None], False) for name, x in zip(base.motion, sensors.T, strict=True)]
+    ends = np.cumsum([len(contact.columns) for contact in base.contacts])[:-1]
+    forces = np.split(rows.pushes, ends, axis=1) if base.contacts else []
+    for contact, x in zip(base.contacts, forces, strict=True):
+        signals.append((f"force at '{contact.frame}'", x, True))
     still = []
-    for name, x in zip(base.motion, sensors.T, strict=True):
-        if np.ptp(x) == 0.0 and np.ptp(sensors) > 0.0 and x[0] in (0.0, 1.0):
+    for name, x, force in signals:
+        if force and not x.any():
+            yield Finding.doubtful(
+                f"the {name} keeps one value, zero: it is not measured, or nothing touches it",
+                fix=Fix(f"log the {name} if anything touches it; if not, leave the contact out"),
+            )
+        if np.ptp(x) == 0.0 and np.ptp(sensors) > 0.0 and x[0, 0] in (0.0, 1.0):
             continue  # of a motion that a plane contains
-        same = [(a, b) for a, b in stretches(np.diff(x) == 0.0) if b - a >= least and moves(a, b)]
-        if same:
-            first, last = max(same, key=lambda one: one[1] - one[0])
+        same = (np.diff(x, axis=0) == 0.0).all(axis=1) & (not force or (x[1:] != 0.0).any(axis=1))
+        long = [(a, b) for a, b in stretches(same) if b - a >= least and moves(a, b)]
+        if long:
+            first, last = max(long, key=lambda one: one[1] - one[0])
             still.append((name, rows.t[first] - rows.t[0], rows.t[last] - rows.t[0]))
     if still:
         names = ", ".join(dict.fromkeys(name for name, _, _ in still))
@@ -129,29 +136,6 @@ def _dead(base: BaseSignals, rows: SensorRows) -> Iterator[Finding]:
             f"{b - a:.3g} s, at most {DEAD_TIME:g} s allowed",
             fix=Fix("leave that part out (LOG@START:STOP), or record again"),
         )
-    start = 0
-    for contact in base.contacts:
-        x = rows.pushes[:, start : start + len(contact.columns)]
-        start += len(contact.columns)
-        frozen = stretches((np.diff(x, axis=0) == 0.0).all(axis=1) & (x[1:] != 0.0).any(axis=1))
-        frozen = [(a, b) for a, b in frozen if moves(a, b)]
-        longest = max(frozen, key=lambda one: one[1] - one[0], default=(0, 0))
-        if not x.any():
-            yield Finding.doubtful(
-                f"the force at '{contact.frame}' keeps one value, zero: it is not measured, or "
-                "nothing touches it",
-                fix=Fix(
-                    f"if '{contact.frame}' touches anything, log its force; if not, leave the "
-                    "contact out"
-                ),
-            )
-        elif longest[1] - longest[0] >= least:
-            a, b = (float(rows.t[k] - rows.t[0]) for k in longest)
-            yield Finding.wrong(
-                f"the force at '{contact.frame}' keeps one value from {a:.3g} to {b:.3g} s",
-                f"{b - a:.3g} s, at most {DEAD_TIME:g} s allowed",
-                fix=Fix("leave that part out (LOG@START:STOP), or record again"),
-            )
 
 
 def turns_of(axes: Array, apart: int) -> Array:
@@ -176,7 +160,17 @@ def _axes(rows: SensorRows, kind: str, other: bool) -> Array:
 def _words(base: BaseSignals, kind: str, other: bool) -> _Otherwise:
     edits = (Edit((*BASE_KEY, "orientation_kind"), kind),) if kind != base.orientation_kind else ()
     says = f'the orientation is "{kind}"' if edits else "the orientation is"
-    return _Otherwise(f"{says}{', ' + CONJUGATE if other else ''}", () if other else edits)
+    return f"{says}{', ' + CONJUGATE if other else ''}", () if other else edits
+
+
+def _rate_unit(unit: str) -> _Otherwise:
+    return f"the angular velocity is in {unit}", (Edit((*BASE_KEY, "angular_velocity_unit"), unit),)
+
+
+def _wrong(found: _Otherwise, declared: str, figure: str) -> Finding:
+    """That sensors are read otherwise, and what speaks against what is declared."""
+    says, edits = found
+    return Finding.wrong(f"{says}: as declared, {declared}", figure, fix=Fix(says, edits))
 
 
 def _of_turns(base: BaseSignals, rows: SensorRows) -> Iterator[Finding]:
@@ -204,13 +198,12 @@ def _of_turns(base: BaseSignals, rows: SensorRows) -> Iterator[Finding]:
             for says, matrix in _axes_of_rates():
                 changes = [] if number == 0 else [_words(base, kind, other)]
                 if scale != base.angular_scale:
-                    line = Edit((*BASE_KEY, "angular_velocity_unit"), unit)
-                    changes.append(_Otherwise(f"the angular velocity is in {unit}", (line,)))
+                    changes.append(_rate_unit(unit))
                 if says:
-                    changes.append(_Otherwise(says, _edits_of_axes(base, matrix)))
-                both = _Otherwise(
-                    " and ".join(c.says for c in changes),
-                    tuple(e for c in changes for e in c.edits),
+                    changes.append((says, _edits_of_axes(base, matrix)))
+                both = (
+                    " and ".join(says for says, _ in changes),
+                    tuple(edit for _, edits in changes for edit in edits),
                 )
                 tried.append((off(turned, scale * logged @ matrix.T), float(len(changes)), both))
     figure = (
@@ -225,11 +218,8 @@ def _of_turns(base: BaseSignals, rows: SensorRows) -> Iterator[Finding]:
     least = min(one[0] for one in tried)
     best = min((one for one in tried if one[0] < 1.3 * least), key=lambda one: one[1])
     if best[0] <= AGREEING and declared > 1.5 * best[0]:
-        yield Finding.wrong(
-            f"{best[2].says}: as declared orientation and angular velocity disagree",
-            f"{figure}; so {100.0 * best[0]:.2g} %",
-            fix=Fix(best[2].says, best[2].edits),
-        )
+        figure = f"{figure}; so {100.0 * best[0]:.2g} %"
+        yield _wrong(best[2], "orientation and angular velocity disagree", figure)
     elif found := _of_rate_bias(base, rows, logged, apart, off):
         yield from found
     elif declared > DISAGREEING:
@@ -312,7 +302,7 @@ def _of_gravity(base: BaseSignals, rows: SensorRows) -> Iterator[Finding]:
             "the acceleration has the opposite sign: at rest it points down, and an accelerometer "
             "measures upwards",
             figure,
-            fix=Fix("log what an accelerometer measures, +9.81 m/s² upwards at rest"),
+            fix=LOG_GRAVITY,
         )
         return
     found = list(_of_size(base, rows, size))
@@ -321,12 +311,8 @@ def _of_gravity(base: BaseSignals, rows: SensorRows) -> Iterator[Finding]:
         return
     for kind, other in _readings(base):
         if np.linalg.norm(mean(kind, other) - g) / size <= UPRIGHT:
-            one = _words(base, kind, other)
-            yield Finding.wrong(
-                f"{one.says}: as declared gravity is not along the world's z axis",
-                figure,
-                fix=Fix(one.says, one.edits),
-            )
+            declared_words = "gravity is not along the world's z axis"
+            yield _wrong(_words(base, kind, other), declared_words, figure)
             return
     yield Finding.doubtful(
         "acceleration and orientation disagree about where gravity points",
@@ -347,21 +333,15 @@ def _of_size(base: BaseSignals, rows: SensorRows, size: float) -> Iterator[Findi
         spread = float(np.std(np.linalg.norm(smooth, axis=1))) / max(mean, 1e-12)
         declared = "g" if base.scale != 1.0 else "m/s2"
         if near and unit != declared and spread < UPRIGHT:
-            yield Finding.wrong(
-                f'the acceleration is in "{unit}": as declared, it is {mean / size:.2g} times '
-                "gravity",
-                figure,
-                fix=Fix(
-                    f'declare acceleration_unit = "{unit}"',
-                    (Edit((*BASE_KEY, "acceleration_unit"), unit),),
-                ),
-            )
+            line = Edit((*BASE_KEY, "acceleration_unit"), unit)
+            found = f'the acceleration is in "{unit}"', (line,)
+            yield _wrong(found, f"it is {mean / size:.2g} times gravity", figure)
             return
     if mean < UPRIGHT * size and (base.contacts or base.orientation):
         yield Finding.wrong(
             "the acceleration is without gravity, and an accelerometer measures it",
             figure,
-            fix=Fix("log what an accelerometer measures, +9.81 m/s² upwards at rest"),
+            fix=LOG_GRAVITY,
         )
         return
     yield Finding.ok("the acceleration has the size of gravity", figure)
@@ -398,14 +378,7 @@ def _of_direction(base: BaseSignals, rows: SensorRows) -> Iterator[Finding]:
             and AGREEING < there < 1.0 / AGREEING
             and correlation > AGREEING
         ):
-            yield Finding.wrong(
-                f"the angular velocity is in {unit}",
-                figure,
-                fix=Fix(
-                    f'declare angular_velocity_unit = "{unit}"',
-                    (Edit((*BASE_KEY, "angular_velocity_unit"), unit),),
-                ),
-            )
+            yield _wrong(_rate_unit(unit), "it does not fit gravity", figure)
             return
     if slope < 0.0 and correlation < -DISAGREEING:
         yield Finding.wrong(
