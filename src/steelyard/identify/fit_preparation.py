@@ -20,7 +20,11 @@ from steelyard.estimate.friction.friction_choice import (
 from steelyard.estimate.friction.friction_mixes_and_curves import PLAIN, with_any_speed
 from steelyard.estimate.information import base_parameters_and_regressor as regression
 from steelyard.estimate.information.gather import gather
-from steelyard.estimate.information.hidden_by_contacts import hidden_parameters, stances_of
+from steelyard.estimate.information.hidden_by_contacts import (
+    hidden_parameters,
+    stances_of,
+    touched_samples,
+)
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.weighted_robust_and_whitened import WeightedLeastSquares
 from steelyard.estimate.nonlinear import nonlinear_parameters as nonlinear
@@ -34,7 +38,7 @@ from steelyard.model.terms.axes_and_fields import finds_of
 from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.inertia_and_placement import INERTIAL_NAMES, Inertia
-from steelyard.runs.run import Run, fastest_of, touched_samples
+from steelyard.runs.run import Run, fastest_of
 
 TOO_SHORT = (
     "the runs are too short to compare friction laws on motion that is left out: coulomb + viscous "
@@ -173,7 +177,7 @@ def contact_notes(regressor: regression.Regressor, runs: Sequence[Run]) -> tuple
     base = runs[0].recording.signals.base
     if base is None or not base.touches:
         return ()
-    touching, near, samples = touched_samples(runs)
+    touching, near, samples = touched_samples(runs, len(base.touches))
     each = ", ".join(
         f"{touch.frame} {100.0 * share:.0f} % ({100.0 * edge:.1f} %)"
         for touch, share, edge in zip(base.touches, touching / samples, near / samples, strict=True)

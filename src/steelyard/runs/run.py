@@ -307,20 +307,6 @@ def fastest_of(runs: Sequence[Run]) -> Array:
     return np.asarray(np.max([run.quality.max_speed for run in runs], axis=0))
 
 
-def touched_samples(runs: Sequence[Run]) -> tuple[Array, Array, int]:
-    """Samples at which each contact of unknown force may touch, those near changes, and all."""
-    on, near, samples = np.zeros(1), np.zeros(1), 0
-    for run in runs:
-        for touching in (block.touching for block in run.blocks()):
-            assert touching is not None
-            flags, touches = touching.flags, touching.base.touches
-            margins = np.array([touch.margin * run.rate for touch in touches])
-            on = on + flags.sum(axis=1)
-            near = near + margins * (flags[:, 1:] != flags[:, :-1]).sum(axis=1)
-            samples += flags.shape[1]
-    return on, near, samples
-
-
 def lost_ends(signals: Signals) -> tuple[float, float]:
     """How much of a segment's start and end has no value of every signal, for their delays [s]."""
     lags = signals.delays

@@ -280,11 +280,9 @@ class Search:
             for more in (-step, step):
                 if last.cause == SENSOR_DELAY and best.reading.base is not None:
                     one = sensor_late(best.reading, best.reading.base.delay + more)
-                    self.compare([(one.reading, (*rest, one))])
-                    continue
-                reading = best.reading.changed(delay=best.reading.delay + more)
-                one = _late(reading, reading.delay - self.declared.reading.delay)
-                self.compare([(reading, (*rest, one))])
+                else:
+                    one = _late(best.reading, best.reading.delay + more)
+                self.compare([(one.reading, (*rest, one))])
 
 
 def _changes(start: Explanation, others: OtherEfforts) -> Iterator[Hypothesis]:
@@ -315,12 +313,13 @@ def _changes(start: Explanation, others: OtherEfforts) -> Iterator[Hypothesis]:
         yield Hypothesis("payload", says, loaded, FITTED_NUMBER_COST, ())
     if reading.delay == declared.delay:
         for delay in TRIED_DELAYS:
-            yield _late(reading.changed(delay=reading.delay + delay), delay)
+            yield _late(reading, reading.delay + delay)
 
 
 def _late(reading: Reading, delay: float) -> Hypothesis:
-    says = f"efforts are {1e3 * abs(delay):.3g} ms {'late' if delay > 0 else 'early'}"
-    return Hypothesis("effort delay", says, reading, FITTED_NUMBER_COST, ())
+    more = delay - reading.likelihood.declared.delay
+    says = f"efforts are {1e3 * abs(more):.3g} ms {'late' if more > 0 else 'early'}"
+    return Hypothesis("effort delay", says, reading.changed(delay=delay), FITTED_NUMBER_COST, ())
 
 
 FACTOR_CAUSES = ("gain", "effort kind", "effort unit")

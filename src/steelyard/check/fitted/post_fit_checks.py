@@ -33,13 +33,13 @@ from steelyard.check.fitted.incomplete_model_and_unseen_error import (
 )
 from steelyard.estimate.consistent.convex_estimator import CONTRADICTED_KNOWLEDGE
 from steelyard.estimate.identified_model import IdentifiedModel
+from steelyard.estimate.information.hidden_by_contacts import touched_samples
 from steelyard.estimate.scores.effort_errors import PROMISED, known_efforts
 from steelyard.model.laws.friction_with_memory import LoadDependent
 from steelyard.model.laws.laws_without_friction import RotorInertia, Spring
 from steelyard.model.laws.register import law_of
 from steelyard.report.words import first_names, significant, with_interval
 from steelyard.robot.robot import BASE_COORDINATES
-from steelyard.runs.run import touched_samples
 
 
 @case_check("95 % bands")
@@ -197,7 +197,7 @@ def constant_flags_check(case: FittedCase) -> Iterable[Finding]:
     base = case.identified.signals.base
     if base is None or not base.touches or not case.fitted:
         return
-    on, _, samples = touched_samples(case.fitted)
+    on, _, samples = touched_samples(case.fitted, len(base.touches))
     for kind, constant in (("never", on == 0), ("always", on == samples)):
         named = [t.frame for t, so in zip(base.touches, constant, strict=True) if so]
         if named:

@@ -23,7 +23,13 @@ REWEIGHTINGS = 4  # fits that weigh rows by what the fit before leaves
 
 
 def fit_nuisances(
-    yy: Array, ye: Array, ee: Array, scale: Array, lower: Array, upper: Array, sweeps: int
+    yy: Array,
+    ye: Array,
+    ee: Array,
+    scale: Array,
+    lower: Array,
+    upper: Array,
+    sweeps: int = COORDINATE_SWEEPS,
 ) -> tuple[Array, Array]:
     r"""Least $\|s\,e - y_5 - Y\theta\|^2$ within bounds `(..., 4)`, by sweeps of coordinates.
 

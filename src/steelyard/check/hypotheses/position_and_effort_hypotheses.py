@@ -40,10 +40,7 @@ from steelyard.robot.robot import Robot
 OTHER_POSITION_UNITS = {"revolute": {"degrees": pi / 180.0}, "prismatic": {"millimetres": 1e-3}}
 OTHER_TIME_UNITS = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 MOST_PERMUTED_JOINTS = 7  # most joints of which all orders and all signs are tried
-COARSE_SAMPLES, COARSE_SWEEPS = (
-    200,
-    6,
-)  # samples, and sweeps of friction's fit, for a first look
+COARSE_SAMPLES = 200  # samples for a first look
 REFINED_HYPOTHESES = 12  # how many of the best of them are looked at again
 
 
@@ -71,7 +68,7 @@ def deep_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
     n = len(reading.position)
     if reading.base is not None or not 2 < n <= MOST_PERMUTED_JOINTS:
         return
-    coarse = reading.on(reading.likelihood.thinned(COARSE_SAMPLES, COARSE_SWEEPS))
+    coarse = reading.on(reading.likelihood.thinned(COARSE_SAMPLES))
     signs, orders = [], []
     for joints in chain.from_iterable(combinations(range(n), k) for k in range(2, n)):
         says = f"joints {', '.join(str(j + 1) for j in joints)} have the opposite sign"

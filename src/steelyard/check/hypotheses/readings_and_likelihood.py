@@ -23,7 +23,6 @@ from steelyard.check.cases_and_checks import EffortPredictor
 from steelyard.check.hypotheses.floating_base_readings import BaseReading, FloatingBase
 from steelyard.check.hypotheses.log_excerpt import Excerpt
 from steelyard.check.hypotheses.nuisance_fit_and_score import (
-    COORDINATE_SWEEPS,
     FRICTION_DRIFT,
     LEAST_SPAN,
     NUISANCES,
@@ -53,7 +52,6 @@ class Likelihood:
     gears: Transmission | None  # gears between motors and joints, as the robot file has them
     bounds: tuple[Array, Array]  # least and largest nuisances, each `(n, 4)`, in base units
     size: Array  # typical effort of every joint as it should be, in base units, shape `(n,)`
-    sweeps: int = COORDINATE_SWEEPS  # how carefully friction is fitted
     scales: Array | float = 1.0  # logged effort over what the gains say, by a reference
     base: FloatingBase | None = None  # of a robot whose base floats
     # mean squares of what single nominal bodies do to a floating base, whatever they add up to,
@@ -94,10 +92,9 @@ class Likelihood:
         """Names of the joints."""
         return self.knowledge.robot.joint_names
 
-    def thinned(self, samples: int, sweeps: int | None = None) -> "Likelihood":
-        """The same with fewer samples, and perhaps fewer sweeps."""
-        excerpt, sweeps = self.excerpt.thinned(samples), self.sweeps if sweeps is None else sweeps
-        return replace(self, excerpt=excerpt, sweeps=sweeps, _motions_of_base={})
+    def thinned(self, samples: int) -> "Likelihood":
+        """The same with fewer samples."""
+        return replace(self, excerpt=self.excerpt.thinned(samples), _motions_of_base={})
 
     def driven(self, rates: Array) -> Array:
         """What friction turns with: motors where efforts are theirs behind coupled gears."""
@@ -197,7 +194,7 @@ class Likelihood:
         h, j = np.ogrid[: len(sums.count), : self.signals.n]
         ye, ee = sums.ye[h, j, :, effort], sums.ee[h, j, effort]
         lower, upper = self.bounds
-        squares, nuisances = fit_nuisances(sums.yy, ye, ee, scale, lower, upper, self.sweeps)
+        squares, nuisances = fit_nuisances(sums.yy, ye, ee, scale, lower, upper)
         whole = scale**2 * ee
         if sums.pushed is not None:
             whole = whole + sums.pushed

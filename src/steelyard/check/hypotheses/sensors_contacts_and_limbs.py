@@ -1,6 +1,6 @@
 """Hypotheses about a floating base: its sensor, its contacts, limbs that are exchanged."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import combinations
 
 import numpy as np
@@ -146,17 +146,22 @@ def _contacts(reading: Reading, base: BaseReading) -> Iterator[Hypothesis]:
             yield _with(
                 reading, CONTACTS, says, base.changed(in_world=world), choice_cost(len(sets))
             )
-    pairs = list(combinations(every, 2))
-    doubles = [(a, b) for a, b in combinations(pairs, 2) if not set(a) & set(b)]
-    for swapped in [*((pair,) for pair in pairs), *doubles]:
+    exchanges = _exchanges(combinations(every, 2))
+    for swapped in exchanges:
         order = list(base.contacts)
         for a, b in swapped:
             order[a], order[b] = order[b], order[a]
         says = "forces are exchanged: " + " and ".join(
             f"'{names[a]}' with '{names[b]}'" for a, b in swapped
         )
-        cost = choice_cost(len(pairs) + len(doubles))
+        cost = choice_cost(len(exchanges))
         yield _with(reading, CONTACTS, says, base.changed(contacts=tuple(order)), cost)
+
+
+def _exchanges(pairs: Iterable[tuple[int, int]]) -> list[tuple[tuple[int, int], ...]]:
+    """Pairs that are exchanged, each alone or two at once: left and right, fore and hind."""
+    alone = [(pair,) for pair in pairs]
+    return [*alone, *(a + b for a, b in combinations(alone, 2) if not {*a[0]} & {*b[0]})]
 
 
 def _factor(reading: Reading, base: BaseReading, which: tuple[int, ...]) -> float:
@@ -199,8 +204,8 @@ def exchanged_limbs(reading: Reading) -> Iterator[Hypothesis]:
         for a, b in combinations(range(len(found)), 2)
         if len(found[a][0]) == len(found[b][0]) and not set(found[a][0]) & set(found[b][0])
     ]
-    doubles = [(a, b) for a, b in combinations(pairs, 2) if not set(a) & set(b)]
-    for swapped in [*((pair,) for pair in pairs), *doubles]:
+    exchanges = _exchanges(pairs)
+    for swapped in exchanges:
         order = list(range(len(reading.position)))
         for a, b in swapped:
             for j, k in zip(found[a][0], found[b][0], strict=True):
@@ -211,5 +216,5 @@ def exchanged_limbs(reading: Reading) -> Iterator[Hypothesis]:
         position, effort = (tuple(x[k] for k in order) for x in (reading.position, reading.effort))
         moved = tuple(j for j, k in enumerate(order) if j != k)
         changed = reading.changed(position=position, effort=effort)
-        cost = 2.0 * choice_cost(len(pairs) + len(doubles))
+        cost = 2.0 * choice_cost(len(exchanges))
         yield Hypothesis("joint order", says, changed, cost, moved)

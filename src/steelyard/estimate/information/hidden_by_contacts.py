@@ -127,6 +127,24 @@ def stances_of(runs: Sequence[Run]) -> tuple[Stance, ...]:
     return tuple(chosen[: MOST * MOST])
 
 
+def touched_samples(runs: Sequence[Run], contacts: int) -> tuple[Array, Array, int]:
+    """Samples in which each contact may touch, those in the margins of a change, and of all.
+
+    The first two have the shape `(contacts,)`; margins are those of each run's rate.
+    """
+    touching, near, samples = np.zeros(contacts), np.zeros(contacts), 0
+    for run in runs:
+        base = run.recording.signals.base
+        margins = [] if base is None else [touch.margin * run.rate for touch in base.touches]
+        for block in run.blocks():
+            if block.touching is not None:
+                flags = block.touching.flags
+                touching += flags.sum(axis=1)
+                near += np.array(margins) * (flags[:, 1:] != flags[:, :-1]).sum(axis=1)
+                samples += flags.shape[1]
+    return touching, near, samples
+
+
 def _hidden(rows: Sequence[Array]) -> Array:
     """Directions of unit length that no row sees, of columns of unit length, `(k, columns)`."""
     matrix = np.concatenate(rows)
