@@ -59,7 +59,7 @@ from steelyard.check.hypotheses.sensors_contacts_and_limbs import (
     OF_BASE,
     SENSOR_MOUNTING,
 )
-from steelyard.check.hypotheses.signs_and_delay_by_friction import no_common_delay, presliding_score
+from steelyard.check.hypotheses.signs_and_delay_by_friction import no_common_delay
 from steelyard.estimate.payload.runs_with_payload import carrier
 
 ROUGH_MISFIT = 25.0  # misfit [%] that a reading may leave in the typical joint to be one
@@ -159,13 +159,12 @@ def _judged(before: Hypothesis, winner: Hypothesis, hypotheses: Sequence[Hypothe
 
 
 def _late(before: Reading, hypothesis: Hypothesis) -> bool:
-    """Whether a delay matters for certain; by a nominal model, more than friction that yields."""
+    """Whether a delay matters for certain."""
     reading = hypothesis.reading
     sure, least = reading.knowledge.identified, least_delay(reading)
     if abs(reading.delay - before.delay) < least or (sure and disagrees(hypothesis)):
         return False
-    others = [before.score] if sure else [before.score, presliding_score(before)]
-    return all(reading.score.sharp - other.sharp > LIKELY for other in others)
+    return reading.score.sharp - before.score.sharp > LIKELY
 
 
 def least_delay(reading: Reading) -> float:

@@ -1,9 +1,5 @@
 r"""What friction shows without known masses: signs of efforts, and their delay.
 
-A gear gives way before it slips: friction that follows Dahl's law over a length $\sigma$,
-$\sigma \dot z = \dot q - |\dot q| z$, comes after the sign of the velocity has changed, and looks
-like efforts that are late [Dahl1968].
-
 Each effort row is fitted by least squares of its own, bodies and springs free beside Coulomb and
 viscous friction. The fitted friction's power over the log, $P_j = f_c \sum |\dot q| + f_v \sum
 \dot q^2$, cannot be negative; where it is, far beyond its standard error and of a size that counts,
@@ -13,8 +9,7 @@ Each effort row is fitted by least squares of its own at three delays; the sum o
 left is a parabola of the delay, $S_j(d) = S_j + b_j d + \kappa_j d^2$. Logs that are late have the
 same minimum in all joints, at all frequencies: what lags or leads by a time that differs between
 joints, or between slow and fast motion, is a drive or an elastic joint. Joints that move slowly are
-left out, and the delay has to explain more than friction that gives way over any length does, which
-looks late as well.
+left out: there friction that gives way before it slips looks late as well [Dahl1968].
 """
 
 from dataclasses import dataclass, replace
@@ -26,39 +21,14 @@ from steelyard.base.errors import SteelyardError
 from steelyard.check.cases_and_checks import Case, CheckedLog
 from steelyard.check.finding import SURE_DEVIATIONS, Edit, Finding, Fix
 from steelyard.check.hypotheses.gravity_payload_and_delay import LONGEST_DELAY
-from steelyard.check.hypotheses.nuisance_fit_and_score import ROUNDING, LikelihoodScore
-from steelyard.check.hypotheses.readings_and_likelihood import Reading
-from steelyard.estimate.information.base_parameters_and_regressor import Regressor, base_regressor
+from steelyard.check.hypotheses.nuisance_fit_and_score import ROUNDING
+from steelyard.estimate.information.base_parameters_and_regressor import Regressor
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
 from steelyard.model.laws.friction_over_speed import Coulomb, Viscous
-from steelyard.model.laws.friction_with_memory import MaxwellSlip
-from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.runs.prepare import prepare
 from steelyard.runs.run import Run, fastest_of
-from steelyard.symbolic.native.compiled_programs import recurrence
-
-PRESLIDING_LENGTHS = (1e-3, 3e-3, 1e-2, 3e-2, 0.1)
-"""Lengths over which friction may give way [rad; m]."""
-
-
-def presliding_score(reading: Reading) -> LikelihoodScore:
-    """The same with bodies, and friction that gives way by the best length of each joint."""
-    q, dq, ddq = reading.motion()
-    y, moving = reading.columns(reading.predicted(q, dq, ddq))
-    q, u = (reading.likelihood.driven(x) for x in (q, dq))
-    steps = np.diff(q, axis=1, prepend=q[:, :1])
-    begins = np.diff(reading.likelihood.excerpt.stretch, prepend=-1) != 0
-    scores = []
-    for length in PRESLIDING_LENGTHS:  # friction over what it is where it slips, as at the begin
-        decay = np.where(begins, 0.0, np.exp(-np.abs(steps) / length))
-        drive = np.where(begins, np.sign(u), np.sign(steps) * (1.0 - decay))
-        states, _ = recurrence(decay, drive, np.ones_like(decay), np.zeros(len(q)))
-        y[:, 0] = states * moving
-        scores.append(reading.scored(y, moving, [reading.delay]).one(0))
-    return replace(scores[0], misfits=np.min([score.misfits for score in scores], axis=0))
-
 
 LEAST_NEGATIVE_FRICTION = 0.05
 """Least size of that friction, relative to the joint's effort without its mean."""
@@ -187,7 +157,6 @@ looks up to 25 ms late, or 4 ms early."""
 ROW_ERROR = 0.05  # standard error of a delay that is left within a row, in rows
 EXPLAINED_BY_DELAY = 0.25
 """Share of the typical squared residual that a delay must explain: up to 0.14 on real robots."""
-RENEWED, FARTHEST = 3, 0.05  # how often it is found anew around the last one, and how far [s]
 SLOW_BAND = 0.25  # cut-off below which the delay must be the same, over that of the regression
 ROWS_OF_ONE_DELAY = 0.75  # share of the moving rows whose squares must have a minimum
 
@@ -229,7 +198,7 @@ def residual_delay(case: Case) -> Finding | None:
         found = delays_of(case.regressor, run)
         if found.gone >= 0.5 * EXPLAINED_BY_DELAY:
             found = replace(_renewed(case.regressor, run, found.delay), before=found.before)
-        if not found.sure or by_presliding(case.model, case.regressor, run) >= found.gone:
+        if not found.sure:
             return None
     except (SteelyardError, TypeError):
         return None
@@ -300,22 +269,9 @@ def _fast_motion(run: Run) -> Run:
 
 def _renewed(regressor: Regressor, run: Run, delay: float) -> RowDelays:
     """The delay found anew around one that is known roughly."""
-    for _ in range(RENEWED):
-        start = float(np.clip(delay, -LONGEST_DELAY, LONGEST_DELAY))
-        found = delays_of(regressor, _with_delay(run, start))
-        delay = start + float(np.clip(found.delay, -FARTHEST, FARTHEST))
-    return replace(found, delay=delay)
-
-
-def by_presliding(model: Model, regressor: Regressor, run: Run) -> float:
-    """Share of the typical squared residual that presliding friction explains."""
-    presliding = MaxwellSlip(lengths=PRESLIDING_LENGTHS, relaxing=True)
-    with_it = base_regressor(Model(model.robot, (*model.terms, presliding)))
-    squares = (_squares(gather(r, run)) for r in (regressor, with_it))
-    before, after = (left / np.maximum(freedom, 1.0) for left, freedom in squares)
-    known = (before > 0.0) & (after > 0.0)
-    typical = float(np.exp(np.mean(np.log(after[known] / before[known])))) if known.any() else 1.0
-    return 1.0 - typical
+    start = float(np.clip(delay, -LONGEST_DELAY, LONGEST_DELAY))
+    found = delays_of(regressor, _with_delay(run, start))
+    return replace(found, delay=start + found.delay)
 
 
 def delays_of(regressor: Regressor, run: Run) -> RowDelays:
