@@ -256,25 +256,18 @@ def change_in_run_check(case: FittedCase) -> Iterable[Finding]:
     return sorted(found, key=lambda finding: -finding.severity)
 
 
-BETTER_THAN_LOAD = 0.25  # residual that a passing force leaves over that a load leaves, at most
-
-
 def force_of_run(identified: IdentifiedModel, run: Information, logged: Run) -> PassingForce | None:
-    """A force that passes within a run and explains it far better than a load that stays.
+    """A force that passes within a run; one that lasts to an end of it may be a load.
 
     A window's filtered samples are those half the filter's length after its times.
     """
-    model, known = identified.model, identified.estimate.parameters.as_dict()
+    known = identified.estimate.parameters.as_dict()
     force = passing_force(
         run,
         np.array([known.get(name, 0.0) for name in run.layout.columns]),
         lambda: _gathered(identified, logged, FINE_WINDOW),
     )
     if force is None:
-        return None
-    load = load_change(run, model.robot, identified.base)
-    sure = load and load.certain(LEAST_LOAD_SHARE, LEAST_RISE)
-    if load and sure and 1.0 - force.explained > BETTER_THAN_LOAD * (1.0 - load.explained):
         return None
     taps = ParallelFilter.design(logged.matched_cutoff, logged.rate).taps
     late = 0.5 * (len(taps) - 1) / logged.rate
