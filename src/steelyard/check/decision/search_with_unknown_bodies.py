@@ -24,7 +24,7 @@ from steelyard.check.hypotheses.floating_base_readings import BaseReading
 from steelyard.check.hypotheses.gravity_payload_and_delay import (
     COMPENSATED,
     NEAR_AXIS_ANGLE,
-    gravity_axes,
+    gravity_directions,
     gravity_hypotheses,
     held_hypothesis,
 )
@@ -220,7 +220,7 @@ class Search:
         for base, changes in {base.key: (base, changes) for base, changes in bases}.values():
             rest = tuple(c for c in changes if c.cause != "mounting")
             own = undone(base, declared, "mounting")
-            axes = gravity_axes(own) if own.base is None else ()
+            axes = gravity_directions(own, search=False) if own.base is None else ()
             turned = ((h.reading, (*rest, h)) for h in axes)
             for (reading, before), share in product([(own, rest), *turned], HELD_SHARES):
                 held = held_hypothesis(reading, share)
@@ -300,7 +300,7 @@ def _changes(start: Explanation, others: OtherEfforts) -> Iterator[Hypothesis]:
             yield h
     if reading.base is None:
         yield from gravity_hypotheses(reading)
-        yield from gravity_axes(reading)
+        yield from gravity_directions(reading, search=start.poor)
     yield from base_hypotheses(reading)
     for h in position_changes(reading):
         # units of positions and time are found by other checks, without a model

@@ -170,20 +170,36 @@ def axis_near(direction: Array) -> Array | None:
     return axis if direction @ axis > np.cos(NEAR_AXIS_ANGLE) else None
 
 
-def gravity_axes(reading: Reading) -> Iterator[Hypothesis]:
-    """Gravity along every axis, not scored."""
+def gravity_directions(reading: Reading, *, search: bool) -> Iterator[Hypothesis]:
+    """Gravity along every axis, not scored; and, if asked, directions that fit any bodies."""
     size = float(np.linalg.norm(reading.gravity)) or 9.81
-    for axis in (*np.eye(3), *-np.eye(3)):
-        says, direction, cost = _direction(axis)
+    axes = [*np.eye(3), *-np.eye(3)]
+    free = search and reading.gravity.any() and not reading.held
+    fits = _directions(reading)[:FEW_DIRECTIONS] if free else []
+    for fitted in (*axes, *fits):
+        says, direction, cost = _direction(fitted)
         if not np.allclose(size * direction, reading.gravity):
             yield Hypothesis("mounting", says, reading.changed(gravity=size * direction), cost, ())
 
 
+FEW_DIRECTIONS = 3  # directions that are proposed
 SAMPLES = 600  # samples that free bodies are fitted to
 DIRECTION_RESIDUAL_FLOOR = 1e-4
 """Least residual of a row, over its effort: logs without noise have none."""
 LEAST_TILT = np.deg2rad(0.5)
 """Tilt of gravity from a proposed direction from which on it is proposed too [rad]."""
+
+
+def _directions(now: Reading) -> list[Array]:
+    """Unit vectors that fit, the best first, none near another or the reading's own."""
+    left = _DirectionResidual(now.on(now.likelihood.thinned(SAMPLES)))
+    axes = np.concatenate((np.eye(3), -np.eye(3)))
+    known = now.gravity / np.linalg.norm(now.gravity)
+    found: list[Array] = []
+    for _, direction in sorted((left.least_near(x) for x in axes), key=lambda fit: fit[0]):
+        if all(direction @ other < np.cos(NEAR_AXIS_ANGLE) for other in (known, *found)):
+            found.append(direction)
+    return found
 
 
 @remembered
