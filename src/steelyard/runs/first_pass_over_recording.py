@@ -120,16 +120,16 @@ class FalseStretches:
         q, effort = x[:, self._channels.q], x[:, self._channels.effort]
         hinged = x[:, self._channels.encoders]
         repeats = self._processing.bridge_repeats
-        frozen = frozen_positions(hinged, _resolution(hinged)) if repeats else ()
+        frozen = frozen_positions(hinged, smallest_steps(hinged)) if repeats else ()
         dead = dead_efforts(q, effort) if self._processing.leave_out_saturated else ()
         self._found += [LeftOut(float(t[a]), float(t[b]), FROZEN) for _, a, b in frozen]
         self._found += [LeftOut(float(t[a]), float(t[b]), DEAD, (j,)) for j, a, b in dead]
 
 
-def _resolution(q: Array) -> Array:
-    """Smallest change of each position `(N, n)` that is not zero; zero if none changes."""
-    change = np.abs(np.diff(q, axis=0))
-    tiny = 1e-12 * np.abs(q).max(axis=0)
+def smallest_steps(x: Array) -> Array:
+    """Smallest change of each channel `(N, C)` that is not zero; zero if none changes."""
+    change = np.abs(np.diff(x, axis=0))
+    tiny = 1e-12 * np.abs(x).max(axis=0, initial=0.0)
     least = np.where(change > tiny, change, np.inf).min(axis=0, initial=np.inf)
     return np.where(np.isfinite(least), least, 0.0)
 

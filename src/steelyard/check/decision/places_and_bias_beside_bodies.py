@@ -10,7 +10,7 @@ Of a robot that stays about upright a bias along gravity acts like masses that a
 only accelerations, and turns, tell the two apart.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 
@@ -18,7 +18,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.check.cases_and_checks import Case, CheckedLog, case_check, remembered
+from steelyard.check.cases_and_checks import Case, CheckedLog, log_check, remembered
 from steelyard.check.decision.small_errors_beside_free_bodies import (
     NOT_FITTED,
     Bounds,
@@ -178,20 +178,18 @@ off by 8 deviations."""
 _Place = tuple[Contact | Touch, FittedVector]  # a contact, and how far off it fits best
 
 
-@case_check("contact places", "Do contacts touch where they are declared?")
-def contact_places_check(case: Case) -> Iterable[Finding]:
+@log_check("contact places", "Do contacts touch where they are declared?")
+def contact_places_check(case: Case, log: CheckedLog) -> Finding | None:
     """The points of contacts at which free bodies fit best, of measured forces or of flags."""
-    for log in case.logs:
-        base = log.recording.signals.base
-        contacts = () if base is None else base.touches or base.contacts
-        if all(isinstance(contact, Touch) and contact.sole for contact in contacts):
-            continue
-        found = beside_bodies(case, log)
-        one = NOT_FITTED
-        if found is not None:
-            pairs = zip(found.contacts, found.places, strict=True)
-            one = _places_found([(contacts[k], off) for k, off in pairs])
-        yield replace(one, log=log.name)
+    base = log.recording.signals.base
+    contacts = () if base is None else base.touches or base.contacts
+    if all(isinstance(contact, Touch) and contact.sole for contact in contacts):
+        return None
+    found = beside_bodies(case, log)
+    if found is None:
+        return NOT_FITTED
+    pairs = zip(found.contacts, found.places, strict=True)
+    return _places_found([(contacts[k], off) for k, off in pairs])
 
 
 def _places_found(found: Sequence[_Place]) -> Finding:
@@ -242,15 +240,14 @@ def _other_places(others: Sequence[_Place], figure: str) -> Finding:
     return Finding.doubtful(says, figure, fix=Fix(advice))
 
 
-@case_check("accelerometer bias", "Is the accelerometer of the base without bias?")
-def accelerometer_bias_check(case: Case) -> Iterable[Finding]:
+@log_check("accelerometer bias", "Is the accelerometer of the base without bias?")
+def accelerometer_bias_check(case: Case, log: CheckedLog) -> Finding | None:
     """The bias with which free bodies fit best, and the masses that it could be."""
-    for log in case.logs:
-        base = log.recording.signals.base
-        if base is None or base.tracked:
-            continue
-        found = beside_bodies(case, log)
-        yield replace(NOT_FITTED if found is None else _bias_found(found, base), log=log.name)
+    base = log.recording.signals.base
+    if base is None or base.tracked:
+        return None
+    found = beside_bodies(case, log)
+    return NOT_FITTED if found is None else _bias_found(found, base)
 
 
 def _bias_found(found: FittedBeside, base: BaseSignals) -> Finding:

@@ -7,15 +7,14 @@ joints alone,
 $$ \omega \times (p_a - p_b) + \dot p_a - \dot p_b = 0. $$
 """
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.cases_and_checks import Case, case_check
+from steelyard.check.cases_and_checks import Case, CheckedLog, log_check
 from steelyard.check.decision.verdict_of_log import judge_log
 from steelyard.check.finding import Finding, Fix, Picture, trace
 from steelyard.check.hypotheses.readings_and_likelihood import Reading
@@ -38,16 +37,14 @@ class _Foot:
     loaded: NDArray[np.bool_]
 
 
-@case_check("slipping feet", "Do feet that carry force stay where they are?")
-def slipping_feet_check(case: Case) -> Iterable[Finding]:
+@log_check("slipping feet", "Do feet that carry force stay where they are?")
+def slipping_feet_check(case: Case, log: CheckedLog) -> Finding | None:
     """Pairs of contacts that carry force and move against each other."""
-    for log in case.logs:
-        decision = judge_log(case, log)
-        reading = None if decision is None else decision.last.reading
-        if decision is not None and decision.search is not None:
-            reading = decision.search.best.reading
-        if reading is not None and reading.likelihood.base is not None:
-            yield replace(_of_reading(reading), log=log.name)
+    decision = judge_log(case, log)
+    if decision is None or decision.likelihood.base is None:
+        return None
+    last = decision.last if decision.search is None else decision.search.best
+    return _of_reading(last.reading)
 
 
 def _of_reading(reading: Reading) -> Finding:

@@ -6,13 +6,12 @@ joints leaves it in the rows of the base. Both are columns beside those of free 
 friction; all are fitted by least squares with rows weighted by what they leave.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from steelyard.base.arrays import Z95, Array
-from steelyard.check.cases_and_checks import Case, CheckedLog, case_check, remembered
+from steelyard.check.cases_and_checks import Case, CheckedLog, log_check, remembered
 from steelyard.check.decision.verdict_of_log import judge_log
 from steelyard.check.finding import SURE_DEVIATIONS, Finding, Fix
 from steelyard.check.hypotheses.evidence_with_unknown_bodies import rows_of
@@ -191,15 +190,14 @@ def placed(reading: Reading) -> Reading:
 NOT_FITTED = Finding.ok("undecided: free link inertias cannot be fitted", answered=False)
 
 
-@case_check("sensor place", "Is the sensor of the base where it is declared?")
-def sensor_place_check(case: Case) -> Iterable[Finding]:
+@log_check("sensor place", "Is the sensor of the base where it is declared?")
+def sensor_place_check(case: Case, log: CheckedLog) -> Finding | None:
     """The place of the sensor of a floating base at which free bodies fit best."""
-    for log in case.logs:
-        reading = explained(case, log)
-        if reading is not None and reading.base is not None:
-            found = fitted_place(reading)
-            one = NOT_FITTED if found is None else _place_found(found, reading.base.place)
-            yield replace(one, log=log.name)
+    reading = explained(case, log)
+    if reading is None or reading.base is None:
+        return None
+    found = fitted_place(reading)
+    return NOT_FITTED if found is None else _place_found(found, reading.base.place)
 
 
 def _place_found(found: FittedVector, declared: Array) -> Finding:

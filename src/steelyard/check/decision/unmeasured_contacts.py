@@ -5,13 +5,12 @@ unmeasured wrench $W$ on the base is one $F$ on a link, $W = J_b^T F$, if the ef
 joints to that link are missing too.
 """
 
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Iterator
 
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.check.cases_and_checks import Case, case_check
+from steelyard.check.cases_and_checks import Case, CheckedLog, log_check
 from steelyard.check.decision.small_errors_beside_free_bodies import explained, placed
 from steelyard.check.finding import Finding, Fix
 from steelyard.check.hypotheses.nuisance_fit_and_score import NUISANCES, OFFSET_COLUMN
@@ -25,14 +24,13 @@ EXPLAINED_JOINTS = 0.5  # share of the joints' residuals that a link leaves if s
 SECOND_BEST = 1.3  # share that the second best link leaves over that of the best
 
 
-@case_check("unmeasured contacts", "Is all that touches the robot measured?")
-def unmeasured_contacts_check(case: Case) -> Iterable[Finding]:
+@log_check("unmeasured contacts", "Is all that touches the robot measured?")
+def unmeasured_contacts_check(case: Case, log: CheckedLog) -> Finding | None:
     """A force on the base that nothing explains, and the link that it acts on."""
-    for log in case.logs:
-        reading = explained(case, log)
-        base = None if reading is None else reading.likelihood.signals.base
-        if reading is not None and base is not None and base.wrench_known:
-            yield replace(_unmeasured(placed(reading)), log=log.name)
+    reading, base = explained(case, log), log.recording.signals.base
+    if reading is None or base is None or not base.wrench_known:
+        return None
+    return _unmeasured(placed(reading))
 
 
 def _unmeasured(reading: Reading) -> Finding:

@@ -355,9 +355,7 @@ def rows_of(reading: Reading) -> tuple[Array, Array, Array]:
     own[joints, :, joints] = y[:, :NUISANCES].swapaxes(1, 2)
     free = _body_columns(reading).swapaxes(1, 2) * moving[..., None]
     columns = np.concatenate((free, own.reshape(*moving.shape, -1)), axis=-1)
-    efforts = reading.efforts()
-    if reading.base is not None:
-        efforts = efforts + reading.pushed(*reading.motion())
+    efforts = reading.efforts() + reading.pushed(*reading.motion())
     return columns, efforts * moving, moving
 
 

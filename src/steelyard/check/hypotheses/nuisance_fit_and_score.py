@@ -147,13 +147,13 @@ class EffortProducts:
     ye: Array  # of these with the effort columns, shape `(h, n, 5, n)`
     ee: Array  # squares of the effort columns, shape `(h, n, n)`
     count: Array  # independent samples in motion, shape `(h, n)`
-    pushed: Array | None = None  # squares of what contacts and bodies of a floating base do, (h, n)
+    pushed: Array  # squares of what contacts and bodies of a floating base do, shape `(h, n)`
 
     def of(self, which: Sequence[int] | NDArray[np.intp]) -> "EffortProducts":
         """Those of some readings, by number; one may be there several times."""
         rows = np.asarray(which)
-        pushed = None if self.pushed is None else self.pushed[rows]
-        return EffortProducts(self.yy[rows], self.ye[rows], self.ee[rows], self.count[rows], pushed)
+        every = self.yy, self.ye, self.ee, self.count, self.pushed
+        return EffortProducts(*(products[rows] for products in every))
 
 
 @dataclass(frozen=True, eq=False)

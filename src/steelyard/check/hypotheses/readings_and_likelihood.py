@@ -131,12 +131,10 @@ class Likelihood:
         q, dq, ddq = (np.moveaxis(x, 0, 1) for x in self.motions(readings))
         predicted = first.predicted(*(x.reshape(flat) for x in (q, dq, ddq)))
         u, du = (self.driven(x.reshape(flat)).reshape(x.shape) for x in (dq, ddq))
-        predicted = predicted.reshape(q.shape)
-        if self.base is None:
-            y, moving = self.regressors(q, u, du, predicted)
-            return self.products(y, moving, self.excerpt.later([first.delay]))
-        states = zip(readings, *(np.moveaxis(x, 1, 0) for x in (q, dq, ddq)), strict=True)
-        pushed = np.stack([r.pushed(*state) for r, *state in states], axis=1)
+        predicted, pushed = predicted.reshape(q.shape), np.zeros((1, 1, 1))
+        if self.base is not None:
+            states = zip(readings, *(np.moveaxis(x, 1, 0) for x in (q, dq, ddq)), strict=True)
+            pushed = np.stack([r.pushed(*state) for r, *state in states], axis=1)
         y, moving = self.regressors(q, u, du, predicted - pushed)
         found = self.products(y, moving, self.excerpt.later([first.delay]))
         count = self.driven_only(moving).sum(axis=-1)
@@ -182,7 +180,7 @@ class Likelihood:
         ee = moving @ np.square(e).swapaxes(-1, -2)
         h = len(ye)
         yy, count = (np.broadcast_to(x, (h, *x.shape[1:])) for x in (yy, count))
-        return EffortProducts(yy, ye, ee, count)
+        return EffortProducts(yy, ye, ee, count, np.zeros_like(count))
 
     def scored(
         self, sums: EffortProducts, effort: NDArray[np.intp], scale: Array
@@ -195,10 +193,7 @@ class Likelihood:
         ye, ee = sums.ye[h, j, :, effort], sums.ee[h, j, effort]
         lower, upper = self.bounds
         squares, nuisances = fit_nuisances(sums.yy, ye, ee, scale, lower, upper)
-        whole = scale**2 * ee
-        if sums.pushed is not None:
-            whole = whole + sums.pushed
-        return score_of(squares, whole, sums.count, nuisances)
+        return score_of(squares, scale**2 * ee + sums.pushed, sums.count, nuisances)
 
 
 @dataclass(frozen=True, eq=False)
@@ -356,8 +351,6 @@ class Reading:
     @property
     def friction_alone(self) -> LikelihoodScore:
         """How well friction, an offset and rotor inertia explain the efforts, without any body."""
-        if self.base is None:
-            return self.scored(*self.columns(), [self.delay]).one(0)
         log = self.likelihood
         y, moving = self.columns(-self.pushed(*self.motion()))
         sums = log.products(y[:, None], moving[:, None], log.excerpt.later([self.delay]))
@@ -377,9 +370,7 @@ class Reading:
     def compared(self, joint: int) -> tuple[Array, Array, Array]:
         """Time, measured effort and what it should be, friction included, each `(B,)`."""
         motion = self.motion()
-        predicted = self.predicted(*motion)
-        if self.base is not None:
-            predicted = predicted - self.pushed(*motion)
+        predicted = self.predicted(*motion) - self.pushed(*motion)
         y, _ = self.columns(predicted)
         friction = self.score.nuisances[joint] @ y[joint, :NUISANCES]
         return self.likelihood.excerpt.t, self.efforts()[joint], predicted[joint] + friction

@@ -14,6 +14,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, stretches
 from steelyard.check.cases_and_checks import Case, CheckedLog, case_check, remembered
+from steelyard.check.decision.robot_file_edits import BASE_KEY
 from steelyard.check.finding import Edit, Finding, Fix, Severity
 from steelyard.check.signals.motion_units import unit_reading
 from steelyard.robot.file.base_signals_from_tables import STANDARD_G
@@ -33,7 +34,6 @@ DEAD_TIME, DEAD_ROWS = 0.5, 50  # shortest stretch of one value that is no measu
 CONJUGATE = "turned from the world to the sensor, not from the sensor to the world"
 KINDS = {4: ("wxyz", "xyzw"), 3: ("rpy_rad", "rpy_deg"), 9: ("matrix",)}
 RATE_UNITS = {"rad/s": 1.0, "deg/s": np.pi / 180.0}
-BASE_KEY = ("signals", "base")
 LOG_GRAVITY = Fix("log what an accelerometer measures, +9.81 m/s² upwards at rest")
 
 

@@ -16,6 +16,7 @@ from steelyard.runs.first_pass_over_recording import (
     FASTEST_SHARE,
     MOVED,
     frozen_positions,
+    smallest_steps,
 )
 from steelyard.runs.recording import Channels
 from steelyard.runs.rows.clock_and_row_scan import GAP_STEPS
@@ -79,12 +80,7 @@ class SignalOverview:
     @cached_property
     def resolution(self) -> Array:
         """Smallest step of each channel that is not zero, shape `(C,)`; 0 if it never changes."""
-        if len(self.x) < 2:
-            return np.zeros(self.x.shape[1])
-        change = np.abs(np.diff(self.x, axis=0))
-        tiny = 1e-12 * np.abs(self.x).max(axis=0)
-        least: Array = np.where(change > tiny, change, np.inf).min(axis=0)
-        return np.where(np.isfinite(least), least, 0.0)
+        return smallest_steps(self.x)
 
     @property
     def moves(self) -> bool:
