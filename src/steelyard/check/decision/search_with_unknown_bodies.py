@@ -38,7 +38,6 @@ from steelyard.check.hypotheses.hypotheses_and_their_scores import (
     scored,
 )
 from steelyard.check.hypotheses.position_and_effort_hypotheses import (
-    LARGEST_GAIN,
     OtherEfforts,
     best_combinations,
     effort_hypotheses,
@@ -65,6 +64,7 @@ TRIED_DELAYS = (-0.08, -0.04, 0.04, 0.08, 0.14, 0.22, 0.3)  # delays of efforts 
 DELAY_STEPS = (0.02, 0.01, 0.005)  # steps to either side by which the best of them is refined [s]
 POOR = 0.1  # misfit of a joint from which combinations are searched too
 COMPARED_ANYWAY = ("effort unit", "effort kind")  # screening does not tell sizes of all efforts
+LARGEST_FACTOR = 1000.0  # on one joint's effort: friction fits what is off by more
 HELD_SHARES = (1.0, 0.8, 0.6)  # of the nominal weight that efforts may lack beside a mounting
 SAME_FACTOR = 1.25  # factors on efforts up to which they are one
 SAME_TURN = np.cos(np.deg2rad(2.5))  # of the sensor of a floating base
@@ -296,7 +296,7 @@ def _changes(start: Explanation, others: OtherEfforts) -> Iterator[Hypothesis]:
                 yield h
             continue
         sizes = np.abs(np.log(np.abs(factors)))
-        if h.cause != "gain" or (np.ptp(factors) > 0.0 and sizes.max() < np.log(LARGEST_GAIN)):
+        if h.cause != "gain" or (np.ptp(factors) > 0.0 and sizes.max() < np.log(LARGEST_FACTOR)):
             yield h
     if reading.base is None:
         yield from gravity_hypotheses(reading)
