@@ -26,7 +26,7 @@ from steelyard.check.cases_and_checks import Case, CheckedLog, case_check
 from steelyard.check.decision.robot_file_edits import zero_edits
 from steelyard.check.decision.undecided_questions import UNKNOWN_GAINS
 from steelyard.check.decision.verdict_of_log import CLEAN, LEAST_FALL, STRIKING, judge_log
-from steelyard.check.finding import SURE_DEVIATIONS, ComparedHypothesis, Edit, Finding, Fix
+from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix
 from steelyard.check.fitted.causes_of_residuals import WORTH_A_SEARCH, LeftOutGain, left_out_logs
 from steelyard.check.fitted.fitted_case_causes_and_constraints import (
     RankedCauses,
@@ -59,6 +59,8 @@ from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot
 from steelyard.runs.run import Run
 
+CLEAR_OFFSET = 4.0  # standard deviations from what is given from which on an offset is written
+
 
 def estimated_offsets(
     model: Model, runs: Sequence[Run], start: Array | None = None
@@ -83,7 +85,7 @@ def _given_offsets(signals: Signals) -> Array:
 def far_offsets(offsets: ZeroOffsets) -> NDArray[np.bool_]:
     """Which offsets differ clearly from those that were given, shape `(n,)`."""
     spread = np.nan_to_num(offsets.std, nan=np.inf)
-    far = np.abs(offsets.values - offsets.start) > SURE_DEVIATIONS * spread
+    far = np.abs(offsets.values - offsets.start) > CLEAR_OFFSET * spread
     return np.asarray(far & offsets.converged)
 
 

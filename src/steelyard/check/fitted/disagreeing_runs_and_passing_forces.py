@@ -180,6 +180,7 @@ FINE_WINDOW = 0.25  # length of the windows that give its start and end [s]
 LONGEST_SHARE = 0.4  # share of a run's windows that it takes at most
 UNEVEN = 3.0  # greatest squared residual of a window over the median, at least
 LEAST_FALL = 10.0  # factor by which the squared residual of a row falls where the force acts
+LEAST_EXCESS = 25.0  # squared residual within over that of the other windows, at least, there
 MOST_LEVERAGE = 1.0  # variance of what is predicted over that of the residuals, at most
 PUSHED = 9.0  # squared residual of such a window over that of the others from which on it is pushed
 LONGEST_PAUSE = 2  # windows in a row without force within one stretch
@@ -247,7 +248,7 @@ def passing_force(
     squares = np.array([gram[:, -1, -1].sum() for gram in grams])
     squares = squares / np.maximum(run.counts.sum(axis=0), 1.0)
     expected = np.maximum(best.outside, MISFIT_FLOOR**2 * squares)
-    pushed = judged & (fall >= LEAST_FALL) & (best.inside >= PUSHED * expected)
+    pushed = judged & (fall >= LEAST_FALL) & (best.inside >= LEAST_EXCESS * expected)
     if not pushed.any():
         return None
     fine = finely()
