@@ -40,7 +40,7 @@ class Unit:
 
     def one(self, case: Case, number: int) -> Finding:
         log = case.logs[number]
-        t, q = log.samples.t, log.samples.q
+        t, q = log.overview.t, log.overview.q
         reach = float(np.nanmax(np.abs(q)))
         picture = Picture("time [s]", "position [rad]", (Trace("joint", t, q[:, 0]),))
         if reach < self.bound:
