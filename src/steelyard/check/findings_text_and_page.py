@@ -137,6 +137,7 @@ def diagnosis_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
+MOST_SHOWN_FINDINGS = 3  # findings of one check and severity that are shown one by one
 PAYLOAD_CHECK = "payload"  # the check whose masses a fitted model corrects
 MASS_ERROR_NOTE = (
     "; this mass contains the errors of the model file's masses: where a line with ! names one by "
@@ -224,8 +225,8 @@ def _brief(group: Group) -> str:
     said = [finding for finding in group if finding.brief]
     if len(group) == 1:
         return group[0].brief
-    briefs = [f"{f.log}: {f.brief}" for f in said[:MOST_NAMED]]
-    more = len(said) - MOST_NAMED
+    briefs = [f"{f.log}: {f.brief}" for f in said[:MOST_SHOWN_FINDINGS]]
+    more = len(said) - MOST_SHOWN_FINDINGS
     return "; ".join([*briefs, *[f"and {more} more logs"] * (more > 0)])
 
 
@@ -234,14 +235,14 @@ def _found(group: Group) -> Text:
     if not group[0].severity:
         return Text.assemble((_speaks(group), "dim"), group[0].says)
     shown = []
-    for one, *same in by_edits(group[:MOST_NAMED]):
+    for one, *same in by_edits(group[:MOST_SHOWN_FINDINGS]):
         place = [(f"{one.place}: ", "bold")] if one.place else []
         figure = [(f"\n{one.figure}", "dim")] if one.figure else []
         shown.append(Text.assemble(*place, one.says, *figure))
         if same:
             alike = ", ".join(f"{other.place} ({other.figure})" for other in same)
             shown.append(Text(f"the same in {alike}"))
-    rest = _others(group, MOST_NAMED)
+    rest = _others(group, MOST_SHOWN_FINDINGS)
     return Text("\n").join([*shown, Text(rest, style="dim")] if rest else shown)
 
 
