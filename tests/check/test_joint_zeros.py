@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import steelyard
 from check.conftest import MODEL_BASED
 from check.fitted import demo_arm, log
 from steelyard.base.progress import silent
@@ -47,6 +48,16 @@ def test_an_offset_is_doubtful_with_the_line_that_corrects_it(tmp_path: Path) ->
     (edit,) = finding.fix.edits
     assert edit.path == ("signals", "position_offset")
     np.testing.assert_allclose(edit.value, [0.0, 0.2, 0.0], atol=0.01)
+
+
+@pytest.mark.slow
+def test_identify_says_what_is_off_and_nothing_of_zeros_that_are_right(tmp_path: Path) -> None:
+    """Scales of the efforts would hide it: the error on unseen motion is small."""
+    (finding,) = joint_zeros_check(replace(case(tmp_path, (0.0, 0.2, 0.0)), quick=True))
+    assert finding.severity == Severity.DOUBTFUL
+    found = steelyard.identify(tmp_path / "arm.toml", tmp_path / "run.parquet")
+    assert any("zero offset of shoulder_lift" in one.text for one in found.verdict.limitations)
+    assert joint_zeros_check(replace(case(tmp_path, (0.0, 0.0, 0.0)), quick=True)) == ()
 
 
 @pytest.mark.slow

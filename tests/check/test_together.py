@@ -2,7 +2,7 @@
 
 import pytest
 
-from steelyard.check.all_checks import edits_that_serve_all_logs
+from steelyard.check.all_checks import MOTION_CHECKS_NAME, edits_that_serve_all_logs
 from steelyard.check.finding import Edit, Finding, Fix, Severity
 
 ORDER, SIGN, UNIT = (("signals", key) for key in ("position", "position_sign", "time"))
@@ -36,6 +36,20 @@ def test_a_sign_does_not_outlive_the_order_that_it_was_found_with() -> None:
     (sentence,) = sentences
     assert sentence.startswith("Do.; b does not require another signals.position: ")
     assert "give a a robot file of its own" in sentence
+
+
+def test_a_log_whose_motion_is_not_tested_is_not_said_to_need_nothing() -> None:
+    """Its positions are wrong; with the right ones it may ask for the same."""
+    untested = Finding(MOTION_CHECKS_NAME, "b", Severity.OK, "positions first", answered=False)
+    found = (
+        finding("mounting", "a", ("robot", "gravity")),
+        finding("position", "b", UNIT),
+        untested,
+    )
+    says = {f.log: f.fix.says for f in edits_that_serve_all_logs(found) if f.fix is not None}
+    assert says["a"].startswith("Do.; b cannot be tested for robot.gravity before what is wrong")
+    assert "a does not require another signals.time" in says["b"]
+    assert says["b"].endswith("give b a robot file of its own, or convert its columns")
 
 
 def test_edits_of_a_single_log_stay() -> None:

@@ -1,6 +1,6 @@
 """All checks in their order, the diagnosis of a case by them, and the edits that serve all logs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
@@ -66,8 +66,10 @@ def edits_that_serve_all_logs(findings: Sequence[Finding]) -> tuple[Finding, ...
         ]
         for path, edits in wanted.items()
     }
+    untested = {f.log for f in findings if f.check == MOTION_CHECKS_NAME and not f.answered}
+    of_own = {path: set(logs) if path in of_signals else set[str]() for path in wanted}
     refused = {
-        path: apart.get(path) or _asked_by_some(edits, silent[path])
+        path: apart.get(path) or _asked_by_some(edits, silent[path], untested - of_own[path])
         for path, edits in wanted.items()
         if path in apart or silent[path]
     }
@@ -99,12 +101,20 @@ def _shared(
     return replace(f, fix=replace(f.fix, edits=tuple(edits)))
 
 
-def _asked_by_some(edits: Mapping[str, Edit], others: Sequence[str]) -> str:
-    key = ".".join(next(iter(edits.values())).path)
+def _asked_by_some(edits: Mapping[str, Edit], others: Sequence[str], untested: Set[str]) -> str:
+    """Why no line is written that some logs ask for and others do not, or are not tested for."""
+    path = next(iter(edits.values())).path
+    key, its = ".".join(path), "its" if len(edits) == 1 else "their"
+    if left := [log for log in others if log in untested]:
+        return (
+            f"{first_names(left, MOST_NAMED)} cannot be tested for {key} before what is wrong "
+            "there is corrected: no line is written yet"
+        )
+    convert = f", or convert {its} columns" if path[0] == "signals" else ""
     return (
         f"{first_names(others, MOST_NAMED)} {'does' if len(others) == 1 else 'do'} not require "
         f"another {key}: no line is written; give {first_names([*edits], MOST_NAMED)} a robot file "
-        f"of {'its' if len(edits) == 1 else 'their'} own"
+        f"of {its} own{convert}"
     )
 
 
