@@ -74,7 +74,7 @@ def test_the_threshold_is_far_below_the_dead_zone_and_keeps_its_rate() -> None:
             found += int(np.sum(np.diff(np.flatnonzero(row), prepend=-1000) > 0.5 / STEP))
     seen = found / (draws * hours)
     share = 0.5 * (REST - QUIET - ONSET) / (1.5 * REST)  # of the rate; tested time
-    assert 0.6 * rate * share < seen < 1.4 * rate * share
+    assert 0.3 * rate * share < seen < rate * share  # an upper bound, not out of reach
 
 
 def test_peaks_of_changes_add_up_and_are_no_time_of_their_own() -> None:

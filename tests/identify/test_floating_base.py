@@ -65,7 +65,6 @@ def test_a_model_is_saved_and_used_on_logs(logs: tuple[Path, list[str]], tmp_pat
     for use in (
         lambda: again.observe("handle"),
         lambda: steelyard.export_code(again, tmp_path / "code"),
-        lambda: steelyard.feedforward(again, second),
         lambda: steelyard.external_wrench(again, second, residual="momentum"),
         lambda: steelyard.identify(dog(folder, IMU + HAND), first, method="DIDIM"),
         lambda: steelyard.simulate(dog(folder, IMU + HAND), tmp_path / "simulated"),

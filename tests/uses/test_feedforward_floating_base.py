@@ -131,6 +131,16 @@ def test_contacts_that_are_not_there_are_refused(
         steelyard.feedforward(model, motion, **asked)  # type: ignore[arg-type]
 
 
+def test_a_table_needs_the_place_of_the_base_by_name(
+    model: IdentifiedModel, tmp_path: Path
+) -> None:
+    """Numbered columns may count the joints alone."""
+    rows = {"time_s": [0.0, 0.1, 0.2], **{f"q{k}": [0.0] * 3 for k in range(1, 11)}}
+    pl.DataFrame(rows).write_csv(tmp_path / "numbers.csv")
+    with pytest.raises(SteelyardError, match="a column 'q_base_x';"):
+        steelyard.feedforward(model, tmp_path / "numbers.csv")
+
+
 def test_a_round_contact_needs_an_orientation(tmp_path: Path) -> None:
     """Samples of a motion have none."""
     ball = FLAG + "radius = 0.02\n"

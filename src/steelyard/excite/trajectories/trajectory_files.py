@@ -26,6 +26,7 @@ from steelyard.robot.file.model_reading_and_loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Robot
 
+UNITS = ("rad", "m", "s")  # that names of columns end in
 _AT_REST = 1e-9  # speeds up to this are rounding [rad/s; m/s]
 
 
@@ -136,7 +137,9 @@ def read_table(path: Path, robot: Robot) -> MotionTable:
     names = {column.lower(): column for column in table.columns}
     wanted = [("time", ["time_s", "time", "t"])]
     for j, c in enumerate(robot.coordinates, start=1):
-        wanted.append((f"joint '{c.name}'", [f"q{j}_{c.unit}", f"q{j}", f"q_{c.name}", c.name]))
+        # numbers of columns do not say whether they count the base
+        numbered = [] if robot.floating else [f"q{j}_{c.unit}", f"q{j}"]
+        wanted.append((f"joint '{c.name}'", [*numbered, f"q_{c.name}", c.name]))
     columns = [_numbers(table, _find(path, what, choices, names)) for what, choices in wanted]
     ends = _ends(table, names, robot)
     moving = None if ends is None or np.abs(ends).max() <= _AT_REST else ends
@@ -170,7 +173,8 @@ def _find(path: Path, what: str, choices: Sequence[str], names: Mapping[str, str
         if choice.lower() in names:
             return names[choice.lower()]
     stem, _, unit = choices[0].rpartition("_")
-    converted = f"a column '{choices[0]}' in {unit}" if stem else f"a column '{choices[0]}'"
+    inside = f" in {unit}" if stem and unit in UNITS else ""
+    converted = f"a column '{choices[0]}'{inside}"
     raise _refused(
         path,
         f"no column for {what}",
