@@ -40,6 +40,7 @@ def test_a_hand_carries_what_it_carried(model: IdentifiedModel, tmp_path: Path) 
     given = steelyard.feedforward(model, motion, forces={"handle": of_base})
     assert np.abs(given.torque - logged).max() < 2e-3 * np.abs(logged).max()
     assert not given.warnings and not any("share" in note for note in given.notes)
+    assert given.to_dict()["contacts"][0]["friction"] is None  # no orientation: not known
 
 
 def test_a_table_has_the_place_of_the_base_in_the_world(
@@ -121,6 +122,7 @@ def test_a_floor_does_not_pull(model: IdentifiedModel, tmp_path: Path) -> None:
         ({"contacts": ["tail"]}, "no contact on 'tail'"),
         ({"forces": {"tail": [[0.0, 0.0, 1.0]] * 250}}, "tail"),
         ({"forces": {"handle": [[0.0, 0.0, 1.0]]}}, "shape"),
+        ({"forces": {"handle": [[0.0, 0.0, 1.0]] * 250}, "contacts": ["handle"]}, "together"),
     ],
 )
 def test_contacts_that_are_not_there_are_refused(
@@ -139,6 +141,14 @@ def test_a_table_needs_the_place_of_the_base_by_name(
     pl.DataFrame(rows).write_csv(tmp_path / "numbers.csv")
     with pytest.raises(SteelyardError, match="a column 'q_base_x';"):
         steelyard.feedforward(model, tmp_path / "numbers.csv")
+
+
+def test_what_a_hoist_holds_is_not_on_the_contacts(tmp_path: Path) -> None:
+    log, motion = record(tmp_path)
+    held = dog(tmp_path, IMU + 'wrench = "unknown"\n')
+    model = steelyard.identify(held, log, check=False).model
+    found = steelyard.feedforward(model, motion)
+    assert found.carried is not None and not found.carried.forces and not found.warnings
 
 
 def test_a_round_contact_needs_an_orientation(tmp_path: Path) -> None:

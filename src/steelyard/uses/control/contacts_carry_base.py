@@ -18,7 +18,7 @@ from steelyard.base.motion import Motion, numbers
 from steelyard.estimate.identified_model import IdentifiedModel
 from steelyard.model.equations.frame_and_point_kinematics import frame_of
 from steelyard.robot.file.signals import BaseSignals, Touch
-from steelyard.robot.robot import BASE_COORDINATES, Robot
+from steelyard.robot.robot import BASE_COORDINATES, Robot, robot_to_dict
 from steelyard.runs.contact_projection import Touching
 from steelyard.runs.floating_base import of_angles, with_base_motion
 
@@ -109,7 +109,8 @@ def carried_base(
         motion: The motion with the base's in its first columns.
         efforts: Of the base and the joints without contacts, shape `(N, 6 + n)` [N, Nm].
         up: The vertical along the base's axes, shape `(N, 3)`.
-        contacts: Frames of the robot file's contacts that carry; all of them if `None`.
+        contacts: Frames of the robot file's contacts that carry; if `None` all of them, none of a
+            robot that a hoist or a hand holds by an unknown wrench.
         forces: Of the world on frames, instead: along the base's axes, `(N, 3)` or with the moment
             about the frame's origin `(N, 6)` [N, Nm].
     """
@@ -122,7 +123,8 @@ def carried_base(
         touches = tuple(_at_frame(frame_of(robot, n).name, x.shape[1]) for n, x in listed.items())
         given = np.hstack([np.zeros((len(motion), 0)), *listed.values()])
     else:
-        touches = _standing(base, robot, contacts)
+        held = contacts is None and not base.wrench_known
+        touches = () if held else _standing(base, robot, contacts)
     if up is None and any(touch.radius > 0.0 for touch in touches):
         raise DataError(
             "where a ball touches depends on the orientation of the base, which the samples of a "
@@ -136,7 +138,7 @@ def carried_base(
         part = slice(first, first + _BLOCK)
         count = len(efforts[part])
         touching = Touching(
-            replace(base, touches=touches),
+            replace(base, touches=touches, tree=robot_to_dict(robot)),
             np.ones(robot.n),
             np.ones((len(touches), count), dtype=np.bool_),
             vertical[part].T,

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.base.arrays import Array, records
+from steelyard.base.arrays import Array, finite_json, records
 from steelyard.base.checked_arguments import checked
 from steelyard.base.errors import DataError, ModelError, refuse_unknown
 from steelyard.base.motion import Motion
@@ -244,7 +244,12 @@ class FeedforwardTorques:
             "samples": len(self.motion),
             "joints": records(name=names, unit=units, rms=self.rms, peak=self.peaks),
             "contacts": [
-                {"name": name, "least_n": least, "largest_n": most, "friction": friction}
+                {
+                    "name": name,
+                    "least_n": least,
+                    "largest_n": most,
+                    "friction": finite_json(friction),
+                }
                 for name, least, most, friction in (self.carried.loads() if self.carried else ())
             ],
             "notes": list(self.notes),
@@ -305,6 +310,9 @@ def feedforward(
             where="contacts" if forces is None else "forces",
             fix="leave them out",
         )
+    if contacts is not None and forces is not None:
+        wrong = "contacts that share the load are named together with forces that are given"
+        raise DataError(wrong, where="contacts, forces", fix="give one of the two")
     samples, measured = _samples(motion, joints, robot, rate)
     far, up = far_beyond_limits(robot, samples.q), None
     if robot.floating and not isinstance(motion, Motion):
